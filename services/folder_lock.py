@@ -1,8 +1,7 @@
-"""Processes that serve a farm hold its folder, so that whoever looks through it knows that it runs: on SQLite one at a time."""
+"""Processes that serve an embedded farm hold its folder together, so that whoever looks through it knows that it runs."""
 
 import errno
 import fcntl
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,29 +12,15 @@ from services.errors import NotReady
 LOCK = "serve.lock"
 
 
-PATIENCE_S = 10.0
-"""For whoever looks at the very moment whether the folder is held, and for an orderly end, which takes 9 s at the most."""
-_LOOK_EVERY_S = 0.05
-
-
 @contextmanager
-def held(data: Path, *, alone: bool) -> Iterator[None]:
-    """Hold the folder; the lock goes with the process, however it ends.
-
-    Args:
-        data: the folder.
-        alone: whether nobody else may hold it: two processes on one SQLite would migrate it and remove each other's files.
+def held(data: Path) -> Iterator[None]:
+    """Hold the folder, with others that do; the lock goes with the process, however it ends.
 
     Raises:
-        NotReady: the lock's file cannot be opened, or another process holds the folder.
+        NotReady: the lock's file cannot be opened.
     """
     with _opened(data / LOCK) as lock:
-        how, give_up_s = fcntl.LOCK_EX if alone else fcntl.LOCK_SH, time.monotonic() + PATIENCE_S
-        while not _locked(lock.fileno(), how | fcntl.LOCK_NB):
-            if time.monotonic() > give_up_s:
-                hint = "stop it first, or give this one another folder (several serve one farm on PostgreSQL only: docs/scale.md)"
-                raise NotReady(f"another process serves the farm in {data.absolute()}; {hint}")
-            time.sleep(_LOOK_EVERY_S)
+        _locked(lock.fileno(), fcntl.LOCK_SH)  # waits for whoever looks at the very moment whether it is held
         yield
 
 

@@ -35,7 +35,7 @@ from services.dispatcher.large_jobs import LargeJobs
 from services.errors import NotReady, ServiceError
 from services.files.homes import open_home
 from services.files.store import FileStore
-from services.folder_lock import held
+from services.folder_lock import LOCK, held, is_held
 from services.hosts import Hosts, allowed_hosts
 from services.jobs import explainer, robots
 from services.jobs.clock import FarmClock, iso
@@ -199,8 +199,9 @@ async def open_farm(settings: Settings) -> AsyncIterator[Farm]:
     with _named_if_full(settings.data):
         settings.data.mkdir(parents=True, exist_ok=True)
         url = address(settings.truth_url)
-        with held(settings.data, alone=url.startswith("sqlite")):
-            async with _opened(settings, url) as farm:
+        alone = not is_held(settings.data / LOCK)
+        with held(settings.data):
+            async with _opened(settings, url, alone=alone) as farm:
                 yield farm
 
 
@@ -216,13 +217,15 @@ def _named_if_full(folder: Path) -> Iterator[None]:
 
 
 @asynccontextmanager
-async def _opened(settings: Settings, url: str) -> AsyncIterator[Farm]:
+async def _opened(settings: Settings, url: str, *, alone: bool) -> AsyncIterator[Farm]:
+    """Opens the farm; what another process is at in the same folder stays as it is unless this one is ``alone``."""
     await migrate(url)
     database, clock, registry = Database(url), FarmClock.start(), CollectorRegistry()
     ProcessCollector(registry=registry)
     # The folder is this process's own; only what is kept may have another home, which others share.
     files = FileStore(settings.data / "files", open_home(settings))
-    files.forget_unfinished()
+    if alone:
+        files.forget_unfinished()
     if database.is_shared:
         await clock.set_by(database)
     farm = Farm(
@@ -247,7 +250,7 @@ async def _opened(settings: Settings, url: str) -> AsyncIterator[Farm]:
         await _first_tokens(settings, farm.tokens)
         all_back = await times_ahead.bring_back(database, clock.now_s(), settings)
         async with database.write() as tx:
-            await robots.load(tx, farm.fleet, clock.now_s(), settings.lease_s, prolong=not database.is_shared)
+            await robots.load(tx, farm.fleet, clock.now_s(), settings.lease_s, prolong=alone and not database.is_shared)
         async with _beside(farm, _ClockFollower(farm, all_back)):
             yield farm
     finally:
