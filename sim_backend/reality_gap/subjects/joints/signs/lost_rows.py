@@ -46,8 +46,8 @@ def _are_lost(position_rad: np.ndarray, slack_rad: np.ndarray, joint: int, jumps
     """
     at, last_row = jumps[joint].before, len(position_rad) - 1
     first, last = max(0, at - _ROWS_AROUND), min(last_row, at + 1 + _ROWS_AROUND)
-    before = (position_rad[at] - position_rad[first]) / (at - first)
-    speed = 0.5 * (before + (position_rad[last] - position_rad[at + 1]) / (last - at - 1))
+    before, after = position_rad[first : at + 1], position_rad[at + 1 : last + 1]
+    speed = 0.5 * (_speed_at_begin(after) - _speed_at_begin(before[::-1]))
     rows = jumps[joint].size_rad / speed[joint] if speed[joint] else 0.0
     asked, further = max(1.0, rows) * speed, position_rad[at + 1] - position_rad[at] - speed
     jump_too = np.array([j == joint or (j in jumps and abs(jumps[j].before - at) <= 1) for j in range(len(speed))])
@@ -56,3 +56,8 @@ def _are_lost(position_rad: np.ndarray, slack_rad: np.ndarray, joint: int, jumps
         return False
     agree = np.abs(further - asked) < _AS_FAR * np.abs(asked) + slack_rad
     return bool(jump_too.sum() > 1 or (rows > _LEAST_ROWS and moving.any() and agree[moving].all()))
+
+
+def _speed_at_begin(position_rad: np.ndarray) -> np.ndarray:
+    """Of joints that accelerate evenly, shapes (n, k) and (k,), rad a row."""
+    return np.polyfit(np.arange(len(position_rad)), position_rad, 2)[1]

@@ -46,6 +46,14 @@ def test_rows_that_are_missing_are_no_jump_of_a_coarse_encoder(bits, most):
     assert blamed <= most, "of 45 places, where the other joint moves by few steps"
 
 
+def test_a_joint_that_turns_round_a_little_before_and_after_tells_of_missing_rows_too():
+    time_s = np.arange(-1.0, 1.0, 4e-3)
+    whole = np.stack([0.4 * np.sin(2.0 * time_s), 2.55 * time_s**3 - 0.04 * time_s], axis=1)
+    read = np.delete(1e-4 * np.round(whole / 1e-4), slice(245, 255), axis=0)
+    jumps = [jump_in(column, step) for column, step in zip(read.T, encoder_step(read), strict=True)]
+    assert [jump is not None for jump in jumps] == [True, False] and found(read) == [245]
+
+
 def test_encoders_that_jump_are_no_missing_rows(position):
     one, each_at_its_time, two_of_three = position.copy(), position.copy(), position.copy()
     one[AT:, 1] += 0.02
