@@ -16,7 +16,7 @@ from sim_backend.reality_gap.measured.outliers import position_outliers, torque_
 from sim_backend.reality_gap.measured.sensor_noise import encoder_step
 from sim_backend.reality_gap.recording import JointSignals, Outlier, Recording
 
-_HELD = ("commanded_torque", "desired_torque")
+_HELD = ("commanded_torque", "desired_torque", "velocity_target")
 _TORQUES = ("commanded_torque", "measured_torque")
 _SLOWER = 1.5
 """A joint whose positions come so many steps of the grid apart, or more, skips some."""
@@ -24,7 +24,7 @@ _UNLIKE = 0.1
 """Share of a recorded torque that a stated controller may be off, for what filters and rounding do to velocities."""
 _LATE_ROWS = range(-1, 3)
 """By which the columns of a table may lie apart."""
-_SIGNED = ("velocity", "commanded_torque", "measured_torque", "desired_torque")
+_SIGNED = ("velocity", "velocity_target", "commanded_torque", "measured_torque", "desired_torque")
 
 
 def position_rows(rows: Rows, joints: Sequence[JointEntry]) -> np.ndarray:
@@ -99,10 +99,9 @@ def _joint(rows: Rows, grid: time_grid.Grid, joint: JointEntry, outliers: list[O
     signals = {"position": time_grid.interpolated(grid, rows.time_s, position, own_rate=True)}
     for word in _SIGNED:
         if word in found:
-            sign = joint.sign * (joint.torque_sign if word.endswith("torque") else 1.0)
             if word in _TORQUES:
                 found[word] = without_outliers(word, found[word], torque_outliers(found[word]))
-            signals[word] = _resampled(rows, grid, word, sign * found[word])
+            signals[word] = _resampled(rows, grid, word, joint.sign_of(word) * found[word])
     if "position_target" in found:
         target = time_grid.held(grid, rows.time_s, _target(joint, found["position_target"], zero, position, turns=turns))
         signals["position_target"] = target
@@ -174,9 +173,10 @@ def _feedback(
         if joint.motor is not None and (joint.motor.table == "motor" or "position_target" in column):
             laws[:, :, j] = _of_motor(joint.motor, joint.sign * joint.torque_sign, column, samples)
         elif controller is not None and "position_target" in column:
-            laws[0, :, j], laws[5, :, j] = column["position_target"], column.get("desired_torque", 0.0)
-            laws[1, :, j] = controller.stiffness_nm_rad[joint.name]
-            laws[2, :, j] = controller.damping_nm_s_rad[joint.name]
+            damping, nothing = controller.damping_nm_s_rad[joint.name], np.zeros(samples)
+            desired = column.get("desired_torque", nothing) + damping * column.get("velocity_target", nothing)
+            laws[0, :, j], laws[5, :, j] = column["position_target"], desired
+            laws[1, :, j], laws[2, :, j] = controller.stiffness_nm_rad[joint.name], damping
             laws[3, :, j], laws[4, :, j] = controller.torque_limit_nm.get(joint.name, np.inf), 0.0
             laws[6, :, j] = controller.on_board
     return Feedback(*laws) if np.isfinite(laws[1]).any() else None

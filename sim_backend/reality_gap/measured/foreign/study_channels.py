@@ -16,13 +16,14 @@ _HINGE = {
     "measured_torque": Quantity.TORQUE,
     "desired_torque": Quantity.TORQUE,
     "position_target": Quantity.ANGLE,
+    "velocity_target": Quantity.ANGULAR_VELOCITY,
     "temperature": Quantity.TEMPERATURE,
 }
 _SERVO = ("gain", "supply", "enabled")
 _MOTOR = ("voltage", "duty", "supply", "enabled")
 """What the tables of a servo and of a motor may have as a number or as a column."""
 _TABLES = ("servo", "motor")
-_DRIVEN = ("torque", "commanded_torque", "measured_torque", "desired_torque", "position_target", *_TABLES)
+_DRIVEN = ("torque", "commanded_torque", "measured_torque", "desired_torque", "position_target", "velocity_target", *_TABLES)
 """What only a joint has that something drives."""
 _SLIDE = {Quantity.ANGLE: Quantity.LENGTH, Quantity.ANGULAR_VELOCITY: Quantity.VELOCITY, Quantity.TORQUE: Quantity.FORCE}
 JOINT_CHANNELS = tuple(_HINGE)
@@ -30,11 +31,22 @@ _UNIT_KEYS = {
     "position": "position_unit",
     "position_target": "position_unit",
     "velocity": "velocity_unit",
+    "velocity_target": "velocity_unit",
     "commanded_torque": "torque_unit",
     "measured_torque": "torque_unit",
     "desired_torque": "torque_unit",
     "temperature": "temperature_unit",
 }
+"""Of all channels that share one."""
+_OWN_UNIT_KEYS = {
+    "position_target": "position_target_unit",
+    "velocity_target": "velocity_target_unit",
+    "commanded_torque": "commanded_torque_unit",
+    "measured_torque": "measured_torque_unit",
+    "desired_torque": "desired_torque_unit",
+}
+"""Of one channel that is not in the unit of its kind."""
+_SIGNS = ("sign", "torque_sign", "measured_torque_sign")
 _KINDS = {"commanded": "commanded_torque", "measured": "measured_torque"}
 
 
@@ -94,6 +106,7 @@ class JointEntry:
         channels: by the words of ``JOINT_CHANNELS``; position is always there.
         sign: -1 where the data count the other way round.
         torque_sign: -1 where torques, or a motor's voltage, count against positions.
+        measured_torque_sign: the same of measured torques, which may come from another device.
         zero: reading at which the model's joint is at 0, in the unit of the position column.
         ambient: temperature around the motor, in the unit of the temperature column.
         wrapped: whether angles jump by a turn; None leaves it to the data.
@@ -107,11 +120,18 @@ class JointEntry:
     channels: Mapping[str, DataChannel]
     sign: float = 1.0
     torque_sign: float = 1.0
+    measured_torque_sign: float = 1.0
     zero: float = 0.0
     ambient: float = 0.0
     wrapped: bool | None = None
     passive: bool = False
     motor: VoltageMotor | None = None
+
+    def sign_of(self, word: str) -> float:
+        """1 or -1: which way a channel counts in the model's direction."""
+        if word == "measured_torque":
+            return self.sign * self.measured_torque_sign
+        return self.sign * (self.torque_sign if word.endswith("torque") else 1.0)
 
 
 @dataclass(frozen=True)
@@ -162,15 +182,18 @@ def hinge_and_slide_joints(model: MjModel) -> dict[str, bool]:
 
 
 def _joint(section: Section, name: str, *, slide: bool) -> JointEntry:
-    numbers = ("sign", "torque_sign", "zero", "ambient", "wrapped", "passive")
-    section.only(*JOINT_CHANNELS, "torque", "torque_kind", *_UNIT_KEYS.values(), *numbers, *_TABLES)
+    numbers = (*_SIGNS, "zero", "ambient", "wrapped", "passive")
+    section.only(*JOINT_CHANNELS, "torque", "torque_kind", *_UNIT_KEYS.values(), *_OWN_UNIT_KEYS.values(), *numbers, *_TABLES)
     section.text("position")
     columns = {word: section.text(word) for word in JOINT_CHANNELS if section.has(word)} | _torque(section)
     channels = {word: _joint_channel(section, name, word, column, slide=slide) for word, column in columns.items()}
-    signs = {key: section.number(key, 1.0) for key in ("sign", "torque_sign")}
+    _refuse_said_of_nothing(section, columns)
+    signs = {key: section.number(key, 1.0) for key in _SIGNS}
     for key, sign in signs.items():
         if sign not in {-1.0, 1.0}:
             raise section.refusal(f"{key} is {sign:g}; it must be 1 or -1 (a scale belongs into the unit)")
+    if not section.has("measured_torque_sign"):
+        signs["measured_torque_sign"] = signs["torque_sign"]
     if section.has("temperature") and not section.has("ambient"):
         raise section.refusal("temperature needs ambient, the temperature around the motor in the same unit (0 if it is a rise)")
     motor, columns_of_motor = _motor(section, name)
@@ -187,12 +210,20 @@ def _joint(section: Section, name: str, *, slide: bool) -> JointEntry:
         channels | columns_of_motor,
         signs["sign"],
         signs["torque_sign"],
+        signs["measured_torque_sign"],
         section.number("zero", 0.0),
         section.number("ambient", 0.0),
         section.flag("wrapped"),
         passive,
         motor,
     )
+
+
+def _refuse_said_of_nothing(joint: Section, columns: Mapping[str, str]) -> None:
+    """A unit or a sign of one channel is of a column that is named."""
+    for word, key in (*_OWN_UNIT_KEYS.items(), ("measured_torque", "measured_torque_sign")):
+        if joint.has(key) and word not in columns:
+            raise joint.refusal(f"{key} is given, but the joint has no {word}")
 
 
 def _motor(joint: Section, name: str) -> tuple[VoltageMotor | None, dict[str, DataChannel]]:
@@ -235,15 +266,17 @@ def _refuse_unclear_drive(joint: Section, section: Section) -> None:
     if section.has("duty") and not section.has("supply"):
         raise section.refusal("duty needs supply, the voltage that it is a share of")
     said = {*joint.table, *_torque(joint)}
-    if sent := [word for word in ("position_target", "desired_torque", "commanded_torque") if word in said]:
+    if sent := [word for word in ("position_target", "velocity_target", "desired_torque", "commanded_torque") if word in said]:
         raise section.refusal(f"the joint has {sent[0]}, too: what its motor was sent is either that or a voltage")
 
 
 def _joint_channel(section: Section, name: str, word: str, column: str, *, slide: bool) -> DataChannel:
     quantity = _SLIDE.get(_HINGE[word], _HINGE[word]) if slide else _HINGE[word]
-    channel = DataChannel("joints", name, word, column, quantity, section.unit(_UNIT_KEYS[word]))
+    own_key = _OWN_UNIT_KEYS.get(word, "")
+    unit_key = own_key if section.has(own_key) else _UNIT_KEYS[word]
+    channel = DataChannel("joints", name, word, column, quantity, section.unit(unit_key))
     if channel.unit is not None:
-        si_factor(channel.unit, quantity, f"{section.file}, {section.name}, {_UNIT_KEYS[word]}")
+        si_factor(channel.unit, quantity, f"{section.file}, {section.name}, {unit_key}")
     return channel
 
 

@@ -266,6 +266,11 @@ def _longer_name(file: Path, root: Path) -> str:
 
 def _refuse_unstated_controller(top: Section, study: StudyFile) -> None:
     for joint in study.joints:
+        if "velocity_target" in joint.channels and ("position_target" not in joint.channels or joint.motor is not None):
+            raise top.refusal(
+                f"[joints.{joint.name}] has a velocity_target, which is part of [controller] beside a position_target; where "
+                "velocities alone are controlled, state stiffness 0 and name the position's column as position_target, too"
+            )
         if (
             "position_target" in joint.channels
             and joint.motor is None

@@ -18,7 +18,7 @@ NominalValue = float | tuple[float, ...] | dict[str, float]
 
 @dataclass(frozen=True)
 class Controller:
-    """What turned position targets into torque: stiffness (target - position) - damping velocity + desired torque, limited.
+    """What turned targets into torque: stiffness (target - position) + damping (velocity target - velocity) + desired, limited.
 
     By joint; a joint without a torque limit has none. N m/rad, N m s/rad and N m; for slide joints N/m, N s/m and N. One
     ``on_board`` runs beside the motors, so that a delay is one of targets.

@@ -53,6 +53,19 @@ def test_the_torque_that_was_sent_follows_from_position_and_target(tmp_path, tor
         np.testing.assert_allclose(signals(tmp_path, study).commanded_torque_nm, torque, atol=1e-9)
 
 
+@pytest.mark.parametrize(("sign", "unit"), [(1, 1.0), (-1, 180.0 / np.pi)])
+def test_a_velocity_target_is_part_of_what_was_sent(tmp_path, torque, sign, unit):
+    rows = np.loadtxt(tmp_path / "r.csv", delimiter=",", skiprows=1)
+    follows = 0.3 * np.sin(np.arange(len(rows)) / 40.0)
+    table = np.column_stack([rows, unit * follows])
+    header = "time,q1,q2,v1,v2,target1,target2,target_v1"
+    np.savetxt(tmp_path / "r.csv", table, delimiter=",", header=header, comments="", fmt="%.17g")
+    more = f'"q1"\nvelocity_target = "target_v1"\nvelocity_target_unit = {1.0 / unit}\nsign = {sign}'
+    sent = signals(tmp_path, STUDY.replace('"q1"', more) + CONTROLLER).commanded_torque_nm
+    np.testing.assert_allclose(sent[:, 0], sign * (torque[:, 0] + DAMPING * follows), atol=1e-9)
+    np.testing.assert_allclose(sent[:, 1], torque[:, 1], atol=1e-9)
+
+
 @pytest.mark.parametrize(("stated", "on_board"), [("", False), ("on_board = true", True)])
 def test_a_controller_is_on_board_where_the_file_says_so(tmp_path, torque, stated, on_board):
     assert signals(tmp_path, STUDY + CONTROLLER + stated).feedback.is_on_board.tolist() == [on_board] * torque.shape[1]

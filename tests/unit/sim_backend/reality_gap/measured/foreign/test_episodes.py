@@ -156,6 +156,14 @@ def test_torques_that_count_against_positions_are_turned_alone(tmp_path, sign):
     np.testing.assert_array_equal(joints.measured_torque_nm[:, 0], -sign * data["tau"])
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+def test_measured_torques_may_have_a_unit_and_a_sign_of_their_own(tmp_path, sign):
+    more = f'position = "q"\nsign = {sign}\ntorque_unit = 0.5\nmeasured_torque_unit = "mN m"\nmeasured_torque_sign = -1'
+    data, joints = columns(), read(folder(tmp_path, STUDY.replace('position = "q"', more), columns()))[0].joints
+    np.testing.assert_allclose(joints.commanded_torque_nm[:, 0], sign * 0.5 * data["tau_cmd"])
+    np.testing.assert_allclose(joints.measured_torque_nm[:, 0], -sign * 1e-3 * data["tau"])
+
+
 def test_position_targets_lie_on_the_turn_of_the_position(tmp_path):
     data = columns()
     turned = 30.0 * data["time"]

@@ -55,6 +55,22 @@ REFUSED = {
         ["torque_sign turns nothing"],
     ),
     "a sign of torques": (STUDY.replace('position = "q"', 'position = "q"\ntorque_sign = 0'), ["torque_sign is 0", "1 or -1"]),
+    "a sign of a torque that none has": (
+        STUDY.replace('position = "x"', 'position = "x"\nmeasured_torque_sign = -1'),
+        ["[joints.slider]", "measured_torque_sign is given", "no measured_torque"],
+    ),
+    "a unit of a target that none has": (
+        STUDY.replace('position = "q"', 'position = "q"\nposition_target_unit = "deg"'),
+        ["[joints.shoulder]", "position_target_unit is given", "no position_target"],
+    ),
+    "a unit of its own of another quantity": (
+        STUDY.replace('position = "q"', 'position = "q"\nmeasured_torque_unit = "deg"'),
+        ["measured_torque_unit", "'deg'", "N m"],
+    ),
+    "a velocity target alone": (
+        STUDY.replace('position = "q"', 'position = "q"\nvelocity_target = "dq"') + CONTROLLER,
+        ["[joints.shoulder]", "velocity_target", "position_target", "stiffness 0"],
+    ),
     "a sign": (STUDY.replace('position = "q"', 'position = "q"\nsign = 2'), ["sign is 2", "1 or -1"]),
     "no order": (STUDY.replace('quaternion_order = "xyzw"', ""), ["quaternion_order is missing", "wxyz, xyzw"]),
     "another order": (STUDY.replace('"xyzw"', '"xyz"'), ["quaternion_order is 'xyz'"]),
@@ -215,6 +231,7 @@ def test_the_reference_names_every_key_and_no_other(tmp_path):
     assert {key for key in documented if f'"{key}"' not in sources} == set()
     stated = {"title", "model", "data", *study_file._RECORDING_KEYS, *study_channels.JOINT_CHANNELS}
     stated |= {*study_channels._OBJECT_CHANNELS, *study_channels._UNIT_KEYS.values()}
+    stated |= {*study_channels._OWN_UNIT_KEYS.values(), *study_channels._SIGNS}
     assert stated - documented == set()
 
 
