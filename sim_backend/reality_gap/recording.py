@@ -1,6 +1,6 @@
 """Recordings: aligned arrays of one episode each, whatever they were read from."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -117,8 +117,3 @@ class Recording:
     def duration_s(self) -> float:
         """From the first sample to the end of the last."""
         return len(self.time_s) * self.step_s
-
-
-def total_duration_s(recordings: Sequence[Recording]) -> float:
-    """Of all episodes together."""
-    return sum(recording.duration_s for recording in recordings)

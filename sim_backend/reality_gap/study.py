@@ -21,6 +21,7 @@ from sim_backend.effects.physics import Physics
 from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, UnknownRobot
 from sim_backend.reality_gap.measured.farm_logs import FarmLogs, find_logs, read_farm_logs
 from sim_backend.reality_gap.measured.foreign.episodes import read_recordings
+from sim_backend.reality_gap.measured.foreign.naming import listed, nearest
 from sim_backend.reality_gap.measured.foreign.study_file import StudyFile, load_study_file
 from sim_backend.reality_gap.measured.foreign.study_model import NominalValue
 from sim_backend.reality_gap.model.files import write_models
@@ -30,6 +31,7 @@ from sim_backend.reality_gap.report.report import write_html
 from sim_backend.reality_gap.subjects.cube import subject as cube
 from sim_backend.reality_gap.subjects.joints import subject as joints
 from sim_backend.reality_gap.subjects.joints.laws.plant import Plant
+from sim_backend.reality_gap.subjects.joints.torques.calibrating import METHODS
 from sim_backend.reality_gap.subjects.subject import Material, Progress, Sections, Subject, part
 from sim_backend.reality_gap.subjects.tosses import subject as tosses
 from sim_backend.reality_gap.success.prediction import Question, Trials, read_question, success_of
@@ -62,8 +64,10 @@ def run_study(
     ``trials`` of a policy on the same robot are predicted with both models, where it is one of the farm's.
 
     Raises:
-        RecordingError: data that cannot be used; the message says why.
+        RecordingError: data that cannot be used, or an unknown method; the message says why.
     """
+    if method not in METHODS:
+        raise RecordingError(f"unknown method {method!r}{nearest(method, METHODS)}; choose from {', '.join(METHODS)}")
     rng = np.random.default_rng(seed)
     logs = find_logs(source) if source.is_dir() else None
     question = _question(logs, trials)
@@ -105,6 +109,9 @@ def verdict_of(material: Material, rng: np.random.Generator, progress: Progress)
     verdict, sections = joined([verdict for verdict, _ in found]), {}
     for _, own in reversed(found):
         sections |= own
+    if material.study_file is not None and material.study_file.kept_only:
+        unjudged = f"anything from {listed(material.study_file.kept_only)}, by which no cause is judged"
+        verdict = replace(verdict, cannot_tell=(*verdict.cannot_tell, unjudged))
     if material.trials:
         unread = f"anything from logs of trials ({len(material.trials)}): fingers may touch the cube and the table there"
         verdict = replace(verdict, cannot_tell=(*verdict.cannot_tell, unread))

@@ -14,6 +14,8 @@ class VerdictKind(StrEnum):
     UNEXPLAINED = "unexplained"
     NOTHING_WRONG = "nothing_wrong"
     NOT_IDENTIFIABLE = "not_identifiable"
+    CALIBRATED = "calibrated"
+    """Numbers were fitted all at once, which names nothing."""
 
 
 @dataclass(frozen=True)
@@ -127,6 +129,7 @@ class Verdict:
 
 
 _ORDER = (
+    VerdictKind.CALIBRATED,
     VerdictKind.UNEXPLAINED,
     VerdictKind.CONFUSABLE,
     VerdictKind.NAMED,

@@ -79,6 +79,8 @@ def advice_after(verdict: Mapping[str, Any], recorded: Sequence[str] = ()) -> Ad
     said = tuple(str(item) for item in verdict.get("record_next") or ())
     if kind is VerdictKind.NOT_IDENTIFIABLE:
         return _with(first_advice(), "These data could not show anything: record what moves every joint and the cube.", said)
+    if kind is VerdictKind.CALIBRATED:
+        return _with(first_advice(), "A calibration names no cause: study data without a calibrating method.", said)
     if kind is VerdictKind.NOTHING_WRONG:
         return _after_nothing(recorded, said)
     causes = list(dict.fromkeys((str(cause["effect"]), str(cause["where"])) for cause in verdict.get("causes") or ()))

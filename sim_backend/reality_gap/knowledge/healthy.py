@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -75,15 +76,17 @@ NO_SESSIONS = HealthySessions({}, np.zeros(0), {})
 
 @cache
 def healthy_sessions(regimes: tuple[str, ...] = (STANDARD,)) -> HealthySessions:
-    """Those of TriFingers that are kept with the code; none where there is no file.
+    """Those of TriFingers that are kept with the code.
 
     Args:
         regimes: what each recording was made under. A single one is compared with sessions of its excitation, if these were
             measured, and several, whose gains add up, with sessions of all excitations but ``standard``, alone and together.
     """
-    if not SESSIONS_FILE.exists():
-        return NO_SESSIONS
-    kept = json.loads(SESSIONS_FILE.read_text())
+    return sessions_of(json.loads(SESSIONS_FILE.read_text(encoding="utf-8")), regimes)
+
+
+def sessions_of(kept: Mapping[str, Any], regimes: tuple[str, ...]) -> HealthySessions:
+    """As :func:`healthy_sessions`, of a table as ``bench/joint_calibration_table.py`` makes it."""
     alone = {STANDARD: kept, **kept["alone"]}
     own = alone.get(regimes[0], kept["elsewhere"]) if len(regimes) == 1 else kept["elsewhere"]
     return HealthySessions(kept["tolerances"], np.sort(own["largest_gains"]), own["gates"], own.get("left_nats", 0.0))

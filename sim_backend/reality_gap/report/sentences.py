@@ -25,6 +25,7 @@ HEADLINES = {
     "unexplained": "The model is wrong, and no cause of the catalogue explains how.",
     "nothing_wrong": "The data show nothing wrong with the model.",
     "not_identifiable": "These data cannot show what is wrong, or whether anything is.",
+    "calibrated": "Numbers of the model were calibrated to the data, which names no cause.",
 }
 _MOST_LISTED = 8
 _MOST_PLACES = 10
@@ -78,7 +79,7 @@ def place_of(effect: Any, where: Any) -> str:
 def cause_sentences(document: Document) -> list[str]:
     """One sentence for each effect at each place, with all its numbers."""
     kind = kind_of(document)
-    start = {"named": "Cause", "confusable": "Possible cause"}.get(kind, "Considered")
+    start = {"named": "Cause", "confusable": "Possible cause", "calibrated": "Calibrated"}.get(kind, "Considered")
     places = _places(document["verdict"].get("causes") or ())
     if len(places) > _MOST_PLACES:
         return _by_effect(start, places)

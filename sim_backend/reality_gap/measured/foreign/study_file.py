@@ -38,6 +38,7 @@ from sim_backend.reality_gap.measured.foreign.study_section import Section
 from sim_backend.reality_gap.recording import RecordingError
 
 _KEYS = ("title", "data", "model", "nominal", "tolerance", "recording", "time", "joints", "objects", "signals", "controller")
+_KEPT_ONLY = ("linear_velocity", "angular_velocity", "delivery", "confidence")
 _RECORDING_KEYS = ("file", "episode", "episode_column", "regime", "missing")
 
 
@@ -106,6 +107,12 @@ class StudyFile:
         """Joints whose motor is driven by a law that runs beside it, so that a delay is one of targets or voltages."""
         by_controller = self.controller is not None and self.controller.on_board
         return tuple(j.name for j in self.joints if j.motor is not None or (by_controller and "position_target" in j.channels))
+
+    @property
+    def kept_only(self) -> tuple[str, ...]:
+        """Channels that are read and by which no cause is judged: signals, and of objects all but their poses."""
+        of_objects = [c[0].key.partition(".")[2] for o in self.objects for word, c in o.channels.items() if word in _KEPT_ONLY]
+        return (*of_objects, *(signal.owner for signal in self.signals))
 
     def compile_model(self) -> MjModel:
         """The MJCF as a model."""

@@ -8,7 +8,6 @@ import numpy as np
 from sim_backend.reality_gap.quantiles import MEDIAN_SIZE
 from sim_backend.reality_gap.recording import ObjectSignals, Recording
 from sim_backend.reality_gap.subjects.cube.windows import rotation_matrices, usable_frames
-from sim_backend.trifinger import constants as c
 
 JUMP_RAD = 0.6
 """A turn by more than this that is gone in another frame is a jump: the cube's own turns onto itself are of a quarter or more."""
@@ -147,8 +146,3 @@ def _spread(values: np.ndarray) -> float:
 
 def _mean(parts: Sequence[np.ndarray]) -> float:
     return float(np.mean(np.concatenate(parts))) if parts else np.nan
-
-
-def nominal_tracker() -> TrackerStatistics:
-    """What a nominal robot's tracker does: 10 images a second, 90 ms late, without error."""
-    return TrackerStatistics(0, c.CAMERA_PERIOD_S, c.CAMERA_DELAY_S, 0.0, 0, 0, 0, 0, c.CUBE_REST_HEIGHT_M, 0.0, 0.0, 1.0)

@@ -10,6 +10,7 @@ from sim_backend.reality_gap.knowledge.joint_effects import FITTED, Channel, sca
 from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, Robot, UnknownRobot
 from sim_backend.reality_gap.recording import Recording, RecordingError
 from sim_backend.reality_gap.subjects.joints.gain import held_out_errors
+from sim_backend.reality_gap.subjects.joints.laws.heating import with_measured_heat
 from sim_backend.reality_gap.subjects.joints.laws.nominal import nominal_state
 from sim_backend.reality_gap.subjects.joints.laws.plant import Plant
 from sim_backend.reality_gap.subjects.joints.laws.state import JointState
@@ -129,6 +130,7 @@ def study_joints(
     plant = Plant(model, names)
     episodes = along(plant, recordings, robot, progress)
     start = nominal_state(plant, [episode.driving_nm for episode in episodes], robot, nominal or {})
+    start = with_measured_heat(start, *zip(*((e.driving_nm, e.warmth_k, e.path.step_s) for e in episodes), strict=True))
     unfitted = told_without_fit(plant, recordings, episodes, robot, start)
     _check_motion(unfitted.episodes)
     if isinstance(robot, UnknownRobot):

@@ -227,7 +227,7 @@ def _calibrated(study: JointStudy, method: str, rng: np.random.Generator) -> Ver
     result = calibrate(study.problem, study.start, method, rng)
     look = study.problem.look(result.state, ())
     return Verdict(
-        verdict=VerdictKind.NAMED if result.causes else VerdictKind.NOTHING_WRONG,
+        verdict=VerdictKind.CALIBRATED,
         summary=f"Calibrated {len(result.causes)} numbers by {method}; reproducing data makes none of them a cause.",
         causes=result.causes,
         held_out=held_out(study.problem, look, study.start, rng),

@@ -8,6 +8,7 @@ import numpy as np
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.reality_gap.knowledge.joint_effects import COGGING_CYCLES, NUMBERS, Plane, plane_of
 from sim_backend.reality_gap.subjects.joints.laws import planes
+from sim_backend.reality_gap.subjects.joints.laws.heating import is_usual
 from sim_backend.reality_gap.subjects.joints.laws.state import JointState, Term
 
 _OF_LARGEST = 0.5
@@ -65,7 +66,7 @@ def at_usual_factor(start: JointState, state: JointState, number: FittedValue) -
     key = product[0]
     fitted, given = (float(s.value(key)[number.index]) for s in (state, start))
     usual = PARAMETERS[key].absent
-    rise = given if key in start.given else usual / start.size**2
+    rise = usual / start.size**2 if is_usual(start, key, number.index) else given
     largest = PARAMETERS[number.key].upper
     told, lost = fitted, number.value * fitted
     if rise > 0.0 and lost <= largest * rise:

@@ -18,6 +18,7 @@ from sim_backend.reality_gap.knowledge.joint_effects import (
     scales_everything,
 )
 from sim_backend.reality_gap.knowledge.known_of_robot import Robot, Tolerance, UnknownRobot
+from sim_backend.reality_gap.subjects.joints.laws.heating import is_usual
 from sim_backend.reality_gap.subjects.joints.laws.motor_law import GAP
 from sim_backend.reality_gap.subjects.joints.laws.state import (
     CLOCK,
@@ -200,8 +201,14 @@ def _members(
         probes = [most * share for share in _OF_MOST] if most else [by * probe for probe in number.probes or (scale / by / 100,)]
         return [[Term(key, index, probe)] for probe in probes]
     extra = () if number.product_with is None else (number.product_with,)
-    extra = tuple((other, value * _hotter(load_nm[:, index], robot)) for other, value in extra)
+    is_stated = bool(extra) and not is_usual(state, extra[0][0], index)
+    extra = tuple(
+        (other, float(state.value(other)[index]) if is_stated else value * _hotter(load_nm[:, index], robot))
+        for other, value in extra
+    )
     values = (*shape.values, *(shape.more if expects_many else ()))
+    if is_stated:
+        values = (float(state.value(shape.key)[index]),)
     members = [Term(key, index, scale / 100, ((shape.key, value), *extra)) for value in values]
     return [[term] for term in members] if shape.plane is None else [members]
 

@@ -165,6 +165,7 @@ def _law(
     velocity: np.ndarray,
     direction: np.ndarray,
     external: np.ndarray,
+    measured_k: np.ndarray,
     step_s: float,
     p: np.ndarray,
     current: np.ndarray,
@@ -178,6 +179,8 @@ def _law(
     for i in range(len(sent)):
         newer, older = sent[max(0, i - whole)], sent[max(0, i - whole - 1)]
         arrived, speed = newer + fraction * (older - newer), velocity[i]
+        if not np.isnan(measured_k[i]):
+            warm = measured_k[i]
         now = sent_to_joint(arrived, total[i], position[i], speed, external[i], step_s, values, warm, rotor, gap)
         current[i], value, bound, warm, rotor, gap = now
         play[i] = gap
@@ -208,7 +211,7 @@ def _in_simulations(
 @functools.cache
 def _compiled() -> Callable[..., None]:
     series = types.float64[:]
-    given, found = (series,) * 6, (series,) * 3
+    given, found = (series,) * 7, (series,) * 3
     signature = types.void(*given, types.float64, types.float64[:, ::1], *found)
     return compiled_once(lambda cache: numba.njit(signature, cache=cache)(_law))
 
@@ -233,6 +236,7 @@ def along(
     velocity: np.ndarray,
     direction: np.ndarray,
     external_nm: np.ndarray,
+    measured_k: np.ndarray,
     step_s: float,
     values: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -245,6 +249,7 @@ def along(
         velocity: shape (s,), rad/s.
         direction: of the velocity (:func:`direction_of`), shape (s,).
         external_nm: what gravity and motion ask of the joint, shape (s,), N m; anything where :func:`needs_external` is false.
+        measured_k: how much warmer than its surroundings the motor was, shape (s,), K; NaN where the law says so, from cold.
         step_s: length of a step.
         values: by ``VECTOR``.
 
@@ -252,7 +257,8 @@ def along(
         Torque of the current (what a board measures), torque left at the joint after friction, and play, each (s,).
     """
     out = np.empty((3, len(sent_nm)))
-    _compiled()(sent_nm, total_nm, position, velocity, direction, external_nm, step_s, np.ascontiguousarray(values)[None], *out)
+    given = sent_nm, total_nm, position, velocity, direction, external_nm, measured_k
+    _compiled()(*given, step_s, np.ascontiguousarray(values)[None], *out)
     return out[0], out[1], out[2]
 
 

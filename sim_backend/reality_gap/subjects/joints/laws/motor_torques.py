@@ -8,6 +8,7 @@ import numpy as np
 
 from sim_backend.reality_gap.knowledge.joint_effects import Channel, keys_of
 from sim_backend.reality_gap.subjects.joints.laws import motor_law
+from sim_backend.reality_gap.subjects.joints.laws.heating import measured_warmth_k
 from sim_backend.reality_gap.subjects.joints.laws.plant import Plant
 from sim_backend.reality_gap.subjects.joints.laws.state import JointState, Term
 from sim_backend.reality_gap.subjects.joints.laws.trajectory import Trajectory, filled_gaps
@@ -45,7 +46,10 @@ class MotorTorques:
         """What was measured of the current beside what was sent, shape (k, s), N m; None without both."""
         self.known = ~np.isnan(given if acting is None else acting)
         """Samples whose torque that drives the mechanics is no filled gap, shape (s, k)."""
+        self.warmth_k = measured_warmth_k(path.joints)
+        """How much warmer than their surroundings motors were, shape (k, s), K; NaN, or None, where nobody measured it."""
         self._total = np.abs(driving).sum(axis=1)
+        self._unmeasured = np.full(len(driving), np.nan)
         self._position = np.ascontiguousarray(path.fast_position.T)
         self._velocity = np.ascontiguousarray(path.fast_velocity.T)
         self._direction = motor_law.direction_of(self._velocity)
@@ -109,7 +113,8 @@ class MotorTorques:
             if self._is_of_targets[j] and torques_nm is self.driving_nm:
                 delay_s, values = motor_law.in_time(values)
                 torque_nm = torque_nm if delay_s == 0.0 else self._of_late_targets_nm(j, delay_s)
-            found = motor_law.along(torque_nm, self._total, *motion, external, self._step_s, values)
+            warmth = self._unmeasured if self.warmth_k is None else self.warmth_k[j]
+            found = motor_law.along(torque_nm, self._total, *motion, external, warmth, self._step_s, values)
             for each in found:
                 each.flags.writeable = False
             while len(self._known) * 3 * torque_nm.nbytes > _KEPT_BYTES:

@@ -16,12 +16,14 @@ class Past:
 
     Attributes:
         driving_nm: of each recording, shapes (k, s).
+        warmth_k: its motors' measured rises, shapes (k, s), NaN or None where there are none.
         step_s: between their samples.
         owner: recording of each window, shape (n,).
         first: its sample at which each window begins, shape (n,).
     """
 
     driving_nm: Sequence[np.ndarray]
+    warmth_k: Sequence[np.ndarray | None]
     step_s: Sequence[float]
     owner: np.ndarray
     first: np.ndarray
@@ -31,13 +33,18 @@ class Past:
         return replace(self, owner=self.owner[index], first=self.first[index])
 
     def warm_k(self, state: JointState) -> np.ndarray:
-        """How much warmer than their surroundings a model's motors begin windows, K, shape (n, k); recordings begin cold."""
+        """How much warmer than their surroundings a model's motors begin windows, K, shape (n, k).
+
+        As measured, else recordings begin cold.
+        """
         found = np.zeros((len(self.owner), state.joints))
         for joint in np.flatnonzero(state.value(MOTOR_LOSS)):
             rise, time_s, limit_nm = (float(state.value(key)[joint]) for key in (MOTOR_RISE, MOTOR_WARMS_S, LIMITED_TORQUE))
             for recording, (torque_nm, step_s) in enumerate(zip(self.driving_nm, self.step_s, strict=True)):
-                rows = self.owner == recording
-                if rows.any():
+                rows, measured = self.owner == recording, self.warmth_k[recording]
+                if measured is not None and np.isfinite(measured[joint]).all():
+                    found[rows, joint] = measured[joint, self.first[rows]]
+                elif rows.any():
                     heats = rise * np.minimum(np.abs(np.nan_to_num(torque_nm[joint])), limit_nm) ** 2
                     kept = np.exp(-step_s / time_s)
                     warm = np.concatenate([[0.0], lfilter([1.0 - kept], [1.0, -kept], heats)])

@@ -99,6 +99,7 @@ def _windows(episodes: Sequence[EpisodeEquations], parts: Sequence[tuple[int, in
         owner := np.array([part[0] for part in parts], dtype=int),
         Past(
             [episode.driving_nm for episode in episodes],
+            [episode.warmth_k for episode in episodes],
             [episode.path.step_s for episode in episodes],
             owner,
             np.array([part[1] for part in parts], dtype=int),

@@ -15,7 +15,7 @@ from sim_backend.reality_gap.quantiles import Z_90
 from sim_backend.reality_gap.subjects.joints.laws.hypotheses import PLATFORM
 from sim_backend.reality_gap.subjects.joints.laws.moves import moved
 from sim_backend.reality_gap.subjects.joints.laws.state import JointState, Term
-from sim_backend.reality_gap.subjects.joints.torques.look import Accepted, JointProblem, Look
+from sim_backend.reality_gap.subjects.joints.torques.look import JointProblem, Look
 from sim_backend.reality_gap.verdict import Cause
 
 METHODS = ("naming", "rollouts", "torques", "simopt", "coordinate-descent")
@@ -146,9 +146,3 @@ def _causes(
         middle, half = float(here + value * scale), float(Z_90 * error * scale)
         found.append(Cause(term.effect, parameter.name, where, middle, parameter.unit, (middle - half, middle + half)))
     return found
-
-
-def as_look(problem: JointProblem, state: JointState) -> Look:
-    """A look at a calibrated model, for its errors; nothing of it is fitted anew."""
-    accepted: tuple[Accepted, ...] = ()
-    return problem.look(state, accepted)

@@ -133,6 +133,11 @@ class EpisodeEquations:
         """Torques that were sent, or measured if nothing else is known, shape (k, s), N m."""
         return self._motors.driving_nm
 
+    @property
+    def warmth_k(self) -> np.ndarray | None:
+        """How much warmer than their surroundings the motors were, shape (k, s), K; NaN, or None, where nobody measured it."""
+        return self._motors.warmth_k
+
     def later_targets_nm(self, j: int) -> np.ndarray | None:
         """As of the motors: what it takes from a joint's torque when its targets come a row later, shape (s,), N m."""
         return self._motors.later_targets_nm(j)

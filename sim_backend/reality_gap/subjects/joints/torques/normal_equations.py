@@ -282,11 +282,6 @@ class Reduced:
         chol, found = _solved(precision, b)
         return float(0.5 * b @ found - np.log(chol.diagonal()).sum())
 
-    def gains_of_one(self, scales: np.ndarray) -> np.ndarray:
-        """As :meth:`gain` for each term alone, shape (m,)."""
-        precision = 1.0 + scales**2 * np.diag(self.images)
-        return 0.5 * (scales * self.cross) ** 2 / precision - 0.5 * np.log(precision)
-
     def estimate(self, terms: Sequence[int], scales: Sequence[float] | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Posterior mean (d,) and covariance (d, d) of some terms' coefficients."""
         index, scale = np.array(terms), np.array(scales)

@@ -9,12 +9,14 @@ from sim_backend.reality_gap.knowledge.joint_effects import NUMBERS, SHAPES
 from sim_backend.reality_gap.knowledge.known_of_robot import UnknownRobot
 from sim_backend.reality_gap.subjects.joints.identification import JointStudy
 from sim_backend.reality_gap.subjects.joints.laws.fitted_values import FittedValue, at_usual_factor, seen_beside
+from sim_backend.reality_gap.subjects.joints.laws.heating import is_usual
 from sim_backend.reality_gap.subjects.joints.laws.hypotheses import ALL_JOINTS, own_share
 from sim_backend.reality_gap.subjects.joints.laws.intervals import half_interval
 from sim_backend.reality_gap.subjects.joints.rollouts.bounded_steps import TOLERATED
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import RolloutFit
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_search import Taken
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_selection import RolloutSelection
+from sim_backend.reality_gap.subjects.joints.verdicts.causes import index_of
 from sim_backend.reality_gap.verdict import Cause
 
 _TRIFLE = 0.05
@@ -29,13 +31,19 @@ def extended_causes(study: JointStudy, selection: RolloutSelection) -> list[Caus
     return [cause for taken in every for cause in causes_of(study, selection.extended, taken)]
 
 
-def products_of(causes: Sequence[Cause]) -> list[str]:
-    """Sentences on numbers of which motions show only the product with another one, which is told as it is usual."""
+def products_of(study: JointStudy, causes: Sequence[Cause]) -> list[str]:
+    """Sentences on numbers of which motions show only the product with another one, which is told as it is usual.
+
+    Where the other one was measured or stated, both are known.
+    """
     said = dict[str, None]()
     for cause in causes:
         number = NUMBERS.get(f"{cause.effect}.{cause.parameter}")
-        if number is not None and number.product_with is not None:
-            other = number.product_with[0].partition(".")[2]
+        if number is None or number.product_with is None:
+            continue
+        key = number.product_with[0]
+        if is_usual(study.start, key, index_of(study.problem.names, key, cause.where)):
+            other = key.partition(".")[2]
             said[f"{cause.parameter} and {other} of {cause.where} apart: motions show only their product"] = None
     return list(said)
 

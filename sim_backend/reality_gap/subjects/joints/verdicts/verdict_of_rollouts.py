@@ -98,7 +98,7 @@ def verdict_of_rollouts(
         held_out=_gained(selection),
         runner_up=min(rivals, key=lambda rival: rival.behind, default=None),
         rejected=tuple(sorted(rivals, key=lambda rival: rival.behind)),
-        cannot_tell=(*unknown, *products_of(causes), *_UNSEEN),
+        cannot_tell=(*unknown, *products_of(study, causes), *_UNSEEN),
         record_next=look or _next(kind, [rival for _, rival, _, _ in near]),
         effects=tuple(effects_judged(selection, kind, causes, [rival for _, rival, _, _ in near])),
     )

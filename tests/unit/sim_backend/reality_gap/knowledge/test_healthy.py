@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sim_backend.reality_gap.bench.joint_calibration import (
+from sim_backend.reality_gap.bench.joint_calibration_table import (
     ALONE_RULE,
     LEAST_GATE,
     gates,

@@ -14,6 +14,7 @@ from sim_backend.trifinger.scene import compile_scene
 STEPS_S, COMMANDS, HOLD = c.PHYSICS_STEP_S, 60, 20
 BEGUN = slice(4, None)
 """Once what was sent first has arrived: the law takes a recording to begin in the middle of a motion, the driver from rest."""
+NOT_MEASURED = np.full(COMMANDS * HOLD, np.nan)
 PER_JOINT = np.linspace(1.0, 2.0, 9)
 CASES = {
     "nothing": {},
@@ -70,7 +71,8 @@ def lawful(robot, segment, joint):
     asked = plant.load_nm(segment.true_joint_position_rad[0], segment.true_joint_velocity_rad_s[0])[:, joint]
     total = np.abs(sent).sum(axis=1)
     motion = position, velocity, direction_of(velocity)
-    return along(np.ascontiguousarray(sent[:, joint]), total, *motion, np.ascontiguousarray(asked), STEPS_S, values)
+    own = np.ascontiguousarray(sent[:, joint]), total, *motion, np.ascontiguousarray(asked), NOT_MEASURED[: len(total)]
+    return along(*own, STEPS_S, values)
 
 
 def test_a_row_of_values_is_all_of_it():
@@ -122,5 +124,16 @@ def test_a_joint_at_rest_feels_no_friction():
     values = absent_values()
     values[KEYS.index("coulomb_friction.torque_nm")] = 0.1
     rest = np.zeros(50)
-    _, net, _ = along(np.full(50, 0.02), np.full(50, 0.02), rest, rest, rest, rest, STEPS_S, values)
+    _, net, _ = along(np.full(50, 0.02), np.full(50, 0.02), rest, rest, rest, rest, NOT_MEASURED[:50], STEPS_S, values)
     np.testing.assert_array_equal(net, np.full(50, 0.02))
+
+
+def test_a_motor_whose_temperature_was_measured_is_as_warm_as_that_and_else_as_its_law_says():
+    values, rest, sent = absent_values(), np.zeros(50), np.full(50, 0.02)
+    values[KEYS.index("thermal_derating.loss_per_k")] = 0.004
+    values[KEYS.index("thermal_derating.rise_k_nm2")] = 0.0
+    measured = np.linspace(30.0, 40.0, 50)
+    measured[:10] = np.nan
+    _, net, _ = along(sent, sent, rest, rest, rest, rest, measured, STEPS_S, values)
+    np.testing.assert_array_equal(net[:10], sent[:10])
+    np.testing.assert_allclose(net[10:], 0.02 * (1.0 - 0.004 * measured[10:]), rtol=1e-4)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sim_backend.effects.catalogue import PARAMETERS
-from sim_backend.reality_gap.subjects.joints.torques.calibrating import METHODS, as_look, calibrate
+from sim_backend.reality_gap.subjects.joints.torques.calibrating import METHODS, calibrate
 from tests.unit.sim_backend.reality_gap.subjects.joints.driven_joints import NAMES, NO_LIMIT, planted_friction
 
 PLANTED_NM = 0.03
@@ -25,7 +25,7 @@ def test_planted_coulomb_friction_is_recovered(planted, method):
     cause = causes["coulomb_friction", NAMES[1]]
     assert cause.value == pytest.approx(friction[1], abs=1e-6)
     assert cause.interval_90[0] < cause.value < cause.interval_90[1]
-    nominal, after = as_look(planted, NO_LIMIT), as_look(planted, found.state)
+    nominal, after = planted.look(NO_LIMIT, ()), planted.look(found.state, ())
     assert after.mechanics_left < 0.2 * nominal.sums.square.sum()
 
 
