@@ -7,7 +7,7 @@ import numpy as np
 from sim_backend.reality_gap.measured.foreign import time_grid
 from sim_backend.reality_gap.measured.foreign.data_files import open_table
 from sim_backend.reality_gap.measured.foreign.data_table import DataTable, column_of, find
-from sim_backend.reality_gap.measured.foreign.joints import joint_signals, position_rows, with_laws_that_hold
+from sim_backend.reality_gap.measured.foreign.joints import joint_signals, position_rows, refuse_dead_torques, with_laws_that_hold
 from sim_backend.reality_gap.measured.foreign.measurement_units import chosen_factor
 from sim_backend.reality_gap.measured.foreign.naming import listed, nearest
 from sim_backend.reality_gap.measured.foreign.objects import object_signals
@@ -43,7 +43,10 @@ def read_recordings(study: StudyFile, progress: Callable[[str], None] = lambda _
     twice = next((name for name in names if names.count(name) > 1), None) if len(set(names)) < len(names) else None
     if twice is not None:
         raise RecordingError(f"{study.path}: {twice!r} is read twice; a file or an episode stands in two [[recording]] tables")
-    return with_laws_that_hold(recordings, study.joints) if study.joints else recordings
+    if not study.joints:
+        return recordings
+    refuse_dead_torques(recordings, str(study.path))
+    return with_laws_that_hold(recordings, study.joints)
 
 
 def _recording(study: StudyFile, entry: RecordingEntry, rows: Rows) -> Recording:

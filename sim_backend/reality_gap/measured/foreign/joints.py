@@ -13,8 +13,9 @@ from sim_backend.reality_gap.measured.foreign.rows import Rows
 from sim_backend.reality_gap.measured.foreign.study_channels import JointEntry, VoltageMotor
 from sim_backend.reality_gap.measured.foreign.study_model import Controller
 from sim_backend.reality_gap.measured.outliers import position_outliers, torque_outliers
+from sim_backend.reality_gap.measured.repeated_rows import without_repeats
 from sim_backend.reality_gap.measured.sensor_noise import encoder_step
-from sim_backend.reality_gap.recording import JointSignals, Outlier, Recording
+from sim_backend.reality_gap.recording import JointSignals, Outlier, Recording, RecordingError
 
 _HELD = ("commanded_torque", "desired_torque", "velocity_target")
 _TORQUES = ("commanded_torque", "measured_torque")
@@ -22,6 +23,8 @@ _SLOWER = 1.5
 """A joint whose positions come so many steps of the grid apart, or more, skips some."""
 _UNLIKE = 0.1
 """Share of a recorded torque that a stated controller may be off, for what filters and rounding do to velocities."""
+_SENSED = ("position", "velocity", "measured_torque")
+"""What a sensor reports, and a logger may write more often than that."""
 _LATE_ROWS = range(-1, 3)
 """By which the columns of a table may lie apart."""
 _SIGNED = ("velocity", "velocity_target", "commanded_torque", "measured_torque", "desired_torque")
@@ -49,7 +52,8 @@ def joint_signals(
     outliers: list[Outlier] = []
     columns = [_joint(rows, grid, joint, outliers) for joint in joints]
     feedback = _feedback(joints, columns, controller, grid.count)
-    steps_s = np.array([time_grid.own_step_s(grid, rows.time_s, rows.column(joint.channels["position"])) for joint in joints])
+    sampled = [without_repeats(rows.column(joint.channels["position"])) for joint in joints]
+    steps_s = np.array([time_grid.own_step_s(grid, rows.time_s, values) for values in sampled])
 
     def together(word: str) -> np.ndarray | None:
         if not any(word in column for column in columns):
@@ -91,6 +95,7 @@ def _joint(rows: Rows, grid: time_grid.Grid, joint: JointEntry, outliers: list[O
         return np.where(is_outlier, np.nan, values)
 
     found = {word: rows.column(channel) for word, channel in joint.channels.items() if channel.key in rows.values}
+    found |= {word: without_repeats(found[word]) for word in _SENSED if word in found}
     position = found.pop("position")
     turns = not joint.slide and (joint.wrapped if joint.wrapped is not None else time_grid.jumps(rows.time_s, position))
     zero = joint.zero * _factor(rows, joint, "position")
@@ -113,6 +118,27 @@ def _joint(rows: Rows, grid: time_grid.Grid, joint: JointEntry, outliers: list[O
         rise = found["temperature"] - joint.ambient * _factor(rows, joint, "temperature")
         signals["temperature"] = time_grid.interpolated(grid, rows.time_s, rise, own_rate=True)
     return signals
+
+
+def refuse_dead_torques(recordings: Sequence[Recording], place: str) -> None:
+    """Refuse a torque column that is 0 in every row of a study while the joint's other one is not: a driver reported none.
+
+    Raises:
+        RecordingError: which column to leave out.
+    """
+    for j, name in enumerate(recordings[0].joints.names if recordings and recordings[0].joints is not None else ()):
+        acts = {}
+        for word in _TORQUES:
+            columns = [getattr(each.joints, f"{word}_nm") for each in recordings]
+            known = np.concatenate([column[np.isfinite(column[:, j]), j] for column in columns if column is not None] or [[]])
+            if len(known):
+                acts[word] = bool(known.any())
+        if len(acts) == len(_TORQUES) and len(set(acts.values())) > 1:
+            dead, other = sorted(acts, key=acts.__getitem__)
+            raise RecordingError(
+                f"{place}, [joints.{name}]: {dead} is 0 in every row, while {other} is not; leave the column out "
+                "if nothing was reported there"
+            )
 
 
 def with_laws_that_hold(recordings: Sequence[Recording], joints: Sequence[JointEntry]) -> list[Recording]:

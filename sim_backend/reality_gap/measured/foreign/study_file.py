@@ -32,6 +32,7 @@ from sim_backend.reality_gap.measured.foreign.study_model import (
     NominalValue,
     controller,
     nominal_values,
+    refuse_linkages,
     tolerance,
 )
 from sim_backend.reality_gap.measured.foreign.study_section import Section
@@ -169,6 +170,7 @@ def load_study_file(path: Path, data_root: Path | None = None) -> StudyFile:
         signals=signals,
         controller=controller(top, names),
     )
+    refuse_linkages(top, model, [joint.name for joint in joints])
     _refuse_unstated_controller(top, study)
     _refuse_unknown_missing(top, study)
     return study

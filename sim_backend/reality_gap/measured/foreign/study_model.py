@@ -4,6 +4,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+from mujoco import MjModel, mjtEq, mjtObj
+
 from sim_backend.effects.catalogue import CATALOGUE, PARAMETERS
 from sim_backend.effects.effect import Parameter, Scope
 from sim_backend.reality_gap.knowledge.known_of_robot import Tolerance
@@ -82,6 +85,45 @@ def tolerance(top: Section) -> Tolerance:
             raise section.refusal(f"{name} is {much:g}; it must be from 0 to 0.5, {usual}")
         raise section.refusal(f"{name} is {much:g}; it must be a share from 0 to 0.5, such as 0.02 for 2 %")
     return Tolerance(**found)
+
+
+def refuse_linkages(top: Section, model: MjModel, recorded: Sequence[str]) -> None:
+    """Refuse equalities that recorded joints move: a study leaves them out, so that it would blame the joints for their forces.
+
+    Args:
+        top: the file.
+        model: with its equalities.
+        recorded: names of joints.
+
+    Raises:
+        RecordingError: which equality, and a joint that moves it.
+    """
+    moved = {int(model.joint(name).id) for name in recorded}
+    for i in np.flatnonzero(model.eq_active0):
+        kind, ends = mjtEq(int(model.eq_type[i])), (int(model.eq_obj1id[i]), int(model.eq_obj2id[i]))
+        if kind == mjtEq.mjEQ_JOINT:
+            between = set(ends)
+        elif kind in (mjtEq.mjEQ_CONNECT, mjtEq.mjEQ_WELD):
+            of_sites = int(model.eq_objtype[i]) == int(mjtObj.mjOBJ_SITE)
+            first, second = (int(model.site_bodyid[end]) if of_sites else end for end in ends)
+            between = _joints_above(model, first) ^ _joints_above(model, second)
+        else:
+            continue
+        if touched := sorted(between & moved):
+            joint, name = model.joint(touched[0]).name, model.equality(i).name
+            raise top.refusal(
+                f"the model's equality {name or i}, which {joint} moves, cannot be judged: a study leaves equalities out; "
+                "write the linkage without it, or leave its joints out of [joints]"
+            )
+
+
+def _joints_above(model: MjModel, body: int) -> set[int]:
+    """Joints that move a body."""
+    found = set[int]()
+    while body > 0:
+        found |= set(range(int(model.body_jntadr[body]), int(model.body_jntadr[body] + model.body_jntnum[body])))
+        body = int(model.body_parentid[body])
+    return found
 
 
 def _flat(table: Mapping[str, Any]) -> list[tuple[str, Any]]:

@@ -35,6 +35,7 @@ from sim_backend.reality_gap.subjects.joints.verdicts.equal_causes import (
 )
 from sim_backend.reality_gap.subjects.joints.verdicts.filtered_loops import without_loops_of_filters
 from sim_backend.reality_gap.subjects.joints.verdicts.judged import not_judged
+from sim_backend.reality_gap.subjects.joints.verdicts.misreadings import listed
 from sim_backend.reality_gap.subjects.joints.verdicts.needed_causes import with_needed_causes
 from sim_backend.reality_gap.subjects.joints.verdicts.torques_and_rollouts import in_both, proposed_by, with_unlike_torques
 from sim_backend.reality_gap.subjects.joints.verdicts.unnamed_patterns import against_patterns
@@ -116,7 +117,7 @@ def _rolled_out(found: JointStudy, torques: Verdict, method: str, rng: np.random
     catalogue = with_controllers(catalogue, found.problem.names, _unrecorded_controllers(found))
     problem = RolloutProblem(found.problem.episodes, found.start, catalogue, found.robot.tolerance)
     if not len(problem.windows):
-        return _not_simulated(torques)
+        return _not_simulated(found, torques)
 
     def is_possible(state: JointState) -> bool:
         return not contradicts(found.problem, state)
@@ -196,9 +197,12 @@ def _damping_of_controllers(found: JointStudy) -> np.ndarray:
     return np.asarray(np.median(np.concatenate([law.damping_nm_s_rad for law in laws]), axis=0))
 
 
-def _not_simulated(torques: Verdict) -> Verdict:
+def _not_simulated(found: JointStudy, torques: Verdict) -> Verdict:
     """Recordings without any stretch that could be simulated: what torques would name nobody can confirm."""
     why = f"no recording has {LENGTHS_S[-1]:g} s in which positions and torques of all joints are known"
+    has_any = np.any([episode.has_torque for episode in found.problem.episodes], axis=0)
+    if without := [name for name, has in zip(found.problem.names, has_any, strict=True) if not has]:
+        why += f" (of {listed(without)} no torque is: where nothing drives it, passive = true says so)"
     if torques.verdict not in (VerdictKind.NAMED, VerdictKind.CONFUSABLE):
         return replace(torques, cannot_tell=(f"whether simulated motions agree: {why}", *torques.cannot_tell))
     return replace(

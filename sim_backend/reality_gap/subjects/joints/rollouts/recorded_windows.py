@@ -48,7 +48,7 @@ def _moving_and_resting(
     moving, resting = list[tuple[int, int]](), list[tuple[int, int]]()
     for owner, episode in enumerate(episodes):
         path = episode.path
-        known = np.isfinite(np.hstack([path.joints.position_rad, episode.acting_nm.T])).all(axis=1)
+        known = (np.isfinite(path.joints.position_rad) & episode.is_torque_known).all(axis=1)
         if keep_off_ends:
             known &= ~near_end_samples(path, episode.ends_rad).any(axis=1)
         edge, rows = _lead_rows(episode), round(length_s / path.step_s)

@@ -148,6 +148,11 @@ class EpisodeEquations:
         return self._motors.acting_nm
 
     @property
+    def is_torque_known(self) -> np.ndarray:
+        """Samples in which the torque that drives a joint was recorded, or follows from what was, shape (s, k)."""
+        return self._motors.known
+
+    @property
     def has_torque(self) -> np.ndarray:
         """Which joints have any torque, shape (k,)."""
         return np.asarray(self._motors.known.any(axis=0))

@@ -156,6 +156,28 @@ def test_torques_that_count_against_positions_are_turned_alone(tmp_path, sign):
     np.testing.assert_array_equal(joints.measured_torque_nm[:, 0], -sign * data["tau"])
 
 
+@pytest.mark.parametrize(("dead", "other"), [("tau", "tau_cmd"), ("tau_cmd", "tau")])
+def test_a_torque_of_0_in_every_row_beside_another_one_is_refused(tmp_path, dead, other):
+    data = columns()
+    data[dead] = np.zeros_like(data[dead])
+    words = {"tau": "measured_torque", "tau_cmd": "commanded_torque"}
+    with pytest.raises(RecordingError, match=rf"joints.shoulder.*{words[dead]} is 0 in every row, while {words[other]} is not"):
+        read(folder(tmp_path, STUDY, data))
+    data[other] = np.zeros_like(data[other])
+    assert read(folder(tmp_path, STUDY, data))[0].joints is not None, "nothing drove it"
+
+
+def test_a_sensor_that_is_slower_than_its_logger_is_read_at_its_own_rate(tmp_path):
+    data = columns(2000)
+    rows = np.arange(2000)
+    data["q"] = np.sin(7.0 * data["time"])[rows // 5 * 5]
+    (recording,) = read(folder(tmp_path, STUDY, data))
+    joints = recording.joints
+    np.testing.assert_allclose(joints.position_step_s, [5 * STEP_S, STEP_S], rtol=1e-9)
+    np.testing.assert_allclose(joints.position_rad[:1990, 0], np.sin(7.0 * data["time"])[:1990], atol=1e-3)
+    assert np.isfinite(joints.measured_torque_nm[:, 0]).all()
+
+
 @pytest.mark.parametrize("sign", [1, -1])
 def test_measured_torques_may_have_a_unit_and_a_sign_of_their_own(tmp_path, sign):
     more = f'position = "q"\nsign = {sign}\ntorque_unit = 0.5\nmeasured_torque_unit = "mN m"\nmeasured_torque_sign = -1'
