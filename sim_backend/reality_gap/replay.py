@@ -221,7 +221,7 @@ def simulated(
     for flag in _LEFT_OUT:
         model.opt.disableflags |= int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag}"))
     plays = [j for j in range(model.njnt) if model.joint(j).name.endswith(PLAY_SUFFIX)]
-    model.tendon_limited[:], model.jnt_limited[:] = 0, np.isin(np.arange(model.njnt), plays)  # pyrefly: ignore[missing-attribute]
+    model.tendon_limited[:], model.jnt_limited[:] = 0, np.isin(np.arange(model.njnt), plays)
     longest_s = LONGEST_STEP_S if joints.feedback is None else LONGEST_IN_LOOP_S
     substeps = int(np.ceil(recording.step_s / longest_s - 1e-9))
     model.opt.timestep = recording.step_s / substeps

@@ -220,6 +220,7 @@ class MjModel:
     geom_quat: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     geom_friction: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     geom_rgba: _Attribute[numpy.typing.NDArray[numpy.float32], object]
+    site_bodyid: _Attribute[numpy.typing.NDArray[numpy.int32], object]
     cam_poscom0: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     cam_resolution: _Attribute[numpy.typing.NDArray[numpy.int32], object]
     light_dir: _Attribute[numpy.typing.NDArray[numpy.float64], object]
@@ -234,6 +235,12 @@ class MjModel:
     pair_geom2: _Attribute[numpy.typing.NDArray[numpy.int32], object]
     pair_solref: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     pair_friction: _Attribute[numpy.typing.NDArray[numpy.float64], object]
+    eq_type: _Attribute[numpy.typing.NDArray[numpy.int32], object]
+    eq_obj1id: _Attribute[numpy.typing.NDArray[numpy.int32], object]
+    eq_obj2id: _Attribute[numpy.typing.NDArray[numpy.int32], object]
+    eq_objtype: _Attribute[numpy.typing.NDArray[numpy.int32], object]
+    eq_active0: _Attribute[numpy.typing.NDArray[numpy.bool], object]
+    tendon_limited: _Attribute[numpy.typing.NDArray[numpy.bool], object]
     tendon_stiffness: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     tendon_damping: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     tendon_armature: _Attribute[numpy.typing.NDArray[numpy.float64], object]
@@ -306,6 +313,10 @@ class MjModel:
     def camera(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> _MjModelCameraViews: ...
     @typing.overload
     def camera(self, name: str = ...) -> _MjModelCameraViews: ...
+    @typing.overload
+    def equality(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> _MjModelEqualityViews: ...
+    @typing.overload
+    def equality(self, name: str = ...) -> _MjModelEqualityViews: ...
     @typing.overload
     def joint(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> _MjModelJointViews: ...
     @typing.overload
@@ -452,6 +463,7 @@ class MjSpec:
     def mesh(self, arg0: str) -> MjsMesh: ...
     def material(self, arg0: str) -> MjsMaterial: ...
     def pair(self, arg0: str) -> MjsPair: ...
+    def equality(self, arg0: str) -> MjsEquality: ...
     def tendon(self, arg0: str) -> MjsTendon: ...
     def actuator(self, arg0: str) -> MjsActuator: ...
     def sensor(self, arg0: str) -> MjsSensor: ...
@@ -677,6 +689,7 @@ class MjsDefault:
     mesh: _Attribute[MjsMesh, MjsMesh]
     material: _Attribute[MjsMaterial, MjsMaterial]
     pair: _Attribute[MjsPair, MjsPair]
+    equality: _Attribute[MjsEquality, MjsEquality]
     tendon: _Attribute[MjsTendon, MjsTendon]
     actuator: _Attribute[MjsActuator, MjsActuator]
     name: _Attribute[str, str]
@@ -712,6 +725,7 @@ class MjsFlex:
     dim: _Attribute[int, typing.SupportsInt | typing.SupportsIndex]
     radius: _Attribute[float, typing.SupportsFloat | typing.SupportsIndex]
     size: _Attribute[numpy.typing.NDArray[numpy.float64], numpy.typing.ArrayLike]
+    passive: _Attribute[int, typing.SupportsInt | typing.SupportsIndex]
     group: _Attribute[int, typing.SupportsInt | typing.SupportsIndex]
     rgba: _Attribute[numpy.typing.NDArray[numpy.float32], numpy.typing.ArrayLike]
     material: _Attribute[MjStringVec, object]
@@ -800,6 +814,8 @@ class MjsJoint:
     limited: _Attribute[mjtLimited, typing.SupportsInt | typing.SupportsIndex]
     range: _Attribute[numpy.typing.NDArray[numpy.float64], numpy.typing.ArrayLike]
     margin: _Attribute[float, typing.SupportsFloat | typing.SupportsIndex]
+    solref_limit: _Attribute[numpy.typing.NDArray[numpy.float64], numpy.typing.ArrayLike]
+    solimp_limit: _Attribute[numpy.typing.NDArray[numpy.float64], numpy.typing.ArrayLike]
     armature: _Attribute[float, typing.SupportsFloat | typing.SupportsIndex]
     damping: _Attribute[numpy.typing.NDArray[numpy.float64], numpy.typing.ArrayLike]
     frictionloss: _Attribute[float, typing.SupportsFloat | typing.SupportsIndex]
@@ -967,6 +983,8 @@ class MjsTendon:
     limited: _Attribute[mjtLimited, typing.SupportsInt | typing.SupportsIndex]
     range: _Attribute[numpy.typing.NDArray[numpy.float64], numpy.typing.ArrayLike]
     margin: _Attribute[float, typing.SupportsFloat | typing.SupportsIndex]
+    solref_limit: _Attribute[numpy.typing.NDArray[numpy.float64], numpy.typing.ArrayLike]
+    solimp_limit: _Attribute[numpy.typing.NDArray[numpy.float64], numpy.typing.ArrayLike]
     material: _Attribute[str, str]
     width: _Attribute[float, typing.SupportsFloat | typing.SupportsIndex]
     rgba: _Attribute[numpy.typing.NDArray[numpy.float32], numpy.typing.ArrayLike]
@@ -1181,6 +1199,13 @@ class _MjModelCameraViews:
     quat: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     fovy: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     user: _Attribute[numpy.typing.NDArray[numpy.float64], object]
+    id: _Attribute[int, typing.Never]
+    name: _Attribute[str, typing.Never]
+
+class _MjModelEqualityViews:
+    type: _Attribute[numpy.typing.NDArray[numpy.int32], object]
+    solref: _Attribute[numpy.typing.NDArray[numpy.float64], object]
+    data: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     id: _Attribute[int, typing.Never]
     name: _Attribute[str, typing.Never]
 
@@ -1427,7 +1452,9 @@ class mjtEnableBit(_Enum):
     mjENBL_INVDISCRETE: typing.ClassVar[mjtEnableBit]
 
 class mjtEq(_Enum):
-    ...
+    mjEQ_CONNECT: typing.ClassVar[mjtEq]
+    mjEQ_WELD: typing.ClassVar[mjtEq]
+    mjEQ_JOINT: typing.ClassVar[mjtEq]
 
 class mjtFlexSection(_Enum):
     ...

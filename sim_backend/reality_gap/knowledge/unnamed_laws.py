@@ -20,6 +20,10 @@ MASS, CONSTANT = ("link_mass", "factor"), ("torque_constant", "error")
 """Of all joints by one share they are the same motion."""
 
 
+ONE_WAY = ("coulomb_friction", "stribeck_friction", "load_friction")
+"""Frictions that are a constant torque where a joint moves one way alone."""
+
+
 @dataclass(frozen=True)
 class UnnamedLaw:
     """A law without a name in the catalogue.
@@ -56,10 +60,11 @@ LAWS = (
             {
                 *("directional_friction", "joint_stiffness", "encoder_offset", "table_tilt"),
                 *("gravity", "link_mass", "torque_constant"),
+                *ONE_WAY,
             }
         ),
-        "the torques of joints at rest, hanging and with their motors off",
-        alike=frozenset({"directional_friction"}),
+        "the torques of joints at rest, hanging and with their motors off, and motions both ways",
+        alike=frozenset({"directional_friction", *ONE_WAY}),
     ),
     UnnamedLaw(
         ((".".join(MASS), ".".join(MASS)), (LINK_INERTIA, 1.0), *((key, 1e-3) for key in LINK_CENTRES)),

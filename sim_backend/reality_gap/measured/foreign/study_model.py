@@ -100,10 +100,10 @@ def refuse_linkages(top: Section, model: MjModel, recorded: Sequence[str]) -> No
     """
     moved = {int(model.joint(name).id) for name in recorded}
     for i in np.flatnonzero(model.eq_active0):
-        kind, ends = mjtEq(int(model.eq_type[i])), (int(model.eq_obj1id[i]), int(model.eq_obj2id[i]))
-        if kind == mjtEq.mjEQ_JOINT:
+        kind, ends = int(model.eq_type[i]), (int(model.eq_obj1id[i]), int(model.eq_obj2id[i]))
+        if kind == int(mjtEq.mjEQ_JOINT):
             between = set(ends)
-        elif kind in (mjtEq.mjEQ_CONNECT, mjtEq.mjEQ_WELD):
+        elif kind in (int(mjtEq.mjEQ_CONNECT), int(mjtEq.mjEQ_WELD)):
             of_sites = int(model.eq_objtype[i]) == int(mjtObj.mjOBJ_SITE)
             first, second = (int(model.site_bodyid[end]) if of_sites else end for end in ends)
             between = _joints_above(model, first) ^ _joints_above(model, second)

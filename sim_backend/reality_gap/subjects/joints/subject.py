@@ -148,7 +148,9 @@ def _rolled_out(found: JointStudy, torques: Verdict, method: str, rng: np.random
     drawn_rad = np.maximum(FAR_OFF * problem.noise_rad, with_causes.drawn_rad)
     rollouts = against_patterns(rollouts, found, selection, drawn_rad)
     rollouts = against_unnamed(rollouts, selection, with_causes.usual_rad)
-    rollouts = with_late_columns(with_share_of_all(rollouts, found.problem.names))
+    is_driven = np.any([(episode.driving_nm != 0.0).any(axis=1) for episode in found.problem.episodes], axis=0)
+    rollouts = with_share_of_all(rollouts, found.problem.names, is_driven, found.robot.tolerance.mass)
+    rollouts = with_late_columns(rollouts)
     plant, state = found.problem.episodes[0].plant, selection.fit.state
     rollouts = with_turned_base(with_weight(rollouts, plant, state), plant, state)
     verdict = _with_torques(found, torques, rollouts) if method == NAMING else rollouts

@@ -26,11 +26,13 @@ _SAME_GRAVITY, _LEAST_ACROSS = 0.01, 0.2
 """Shares of gravity: two that differ by less are the same; of one that lies so nearly along an axis no turn about it shows."""
 _WEIGHTLESS = 0.1
 """Share of gravity: with less than this left it is no gravity that is a little off."""
+_LEAST_FACTOR = 1e-3
+"""Of a mass: with less there is no link."""
 _TRIFLE = 0.05
 """Of the larger of two tilts: the other is none."""
 
 
-def with_share_of_all(verdict: Verdict, names: Sequence[str]) -> Verdict:
+def with_share_of_all(verdict: Verdict, names: Sequence[str], is_driven: Sequence[bool], tolerated: float) -> Verdict:
     """A verdict that blames the masses of all links, or the torques of all motors, by one share: the other is as possible.
 
     Of a single joint both were compared in rollouts, if the other lies within its bounds; beyond them nobody asked.
@@ -38,33 +40,45 @@ def with_share_of_all(verdict: Verdict, names: Sequence[str]) -> Verdict:
     Args:
         verdict: what rollouts came to.
         names: of all joints.
+        is_driven: which of them a torque drives; nobody blames the motor of another.
+        tolerated: share by which masses may be off without being wrong, and so the shares of two joints from each other.
     """
     if verdict.verdict is not VerdictKind.NAMED:
         return verdict
-    for (effect, _), (other, parameter), turned in ((MASS, CONSTANT, _constant_of), (CONSTANT, MASS, _mass_of)):
-        own = {cause.where: cause for cause in verdict.causes if cause.effect == effect}
-        if set(own) != set(names):
+    driven = [name for name, drives in zip(names, is_driven, strict=True) if drives]
+    for effect, other, places, other_places in ((MASS, CONSTANT, names, driven), (CONSTANT, MASS, driven, names)):
+        own = {cause.where: cause for cause in verdict.causes if (cause.effect, cause.parameter) == effect}
+        if not own or set(own) != set(places):
             continue
-        bounds = PARAMETERS[f"{other}.{parameter}"]
-        if len(names) == 1 and bounds.lower < turned(own[names[0]].value) < bounds.upper:
+        factors = {name: _mass_factors(cause) for name, cause in own.items()}
+        if max((1.0 - tolerated) * low for low, _, _ in factors.values()) > min(
+            (1.0 + tolerated) * high for _, _, high in factors.values()
+        ):
             continue
-        low, high = max(c.interval_90[0] for c in own.values()), min(c.interval_90[1] for c in own.values())
-        if low > high:
+        middle = np.exp(np.mean(np.log(list(factors.values())), axis=0))
+        as_other = [_of_mass_factors(other, name, factors.get(name, middle)) for name in other_places]
+        bounds = PARAMETERS[".".join(other)]
+        if len(names) == 1 and bounds.lower < as_other[0].value < bounds.upper:
             continue
-        as_other = [
-            Cause(
-                other,
-                parameter,
-                name,
-                turned(own[name].value),
-                PARAMETERS[f"{other}.{parameter}"].unit,
-                (turned(own[name].interval_90[1]), turned(own[name].interval_90[0])),
-            )
-            for name in names
-        ]
         said = "Or all torques are off by one share: no motion tells that from all masses."
         return _confusable(verdict, said, own.values(), as_other, "the same motion with a payload of known mass at the last link")
     return verdict
+
+
+def _mass_factors(cause: Cause) -> tuple[float, float, float]:
+    """A mass, or the torque constant that looks like it, as a factor of the mass: low end, value, high end."""
+    (low, high), value = cause.interval_90, cause.value
+    if (cause.effect, cause.parameter) == CONSTANT:
+        low, value, high = _mass_of(high), _mass_of(value), _mass_of(low)
+    return max(low, _LEAST_FACTOR), max(value, _LEAST_FACTOR), max(high, _LEAST_FACTOR)
+
+
+def _of_mass_factors(parameter: tuple[str, str], where: str, factors: Sequence[float]) -> Cause:
+    """The cause that looks like a mass with a factor: low end, value and high end."""
+    low, value, high = map(float, factors)
+    if parameter == CONSTANT:
+        low, value, high = _constant_of(high), _constant_of(value), _constant_of(low)
+    return Cause(*parameter, where, value, PARAMETERS[".".join(parameter)].unit, (low, high))
 
 
 def with_late_columns(verdict: Verdict) -> Verdict:
@@ -186,8 +200,8 @@ _ON_TIME = (
 
 def _constant_of(factor: float) -> float:
     """Error of all motors' torques that looks like all masses with a factor."""
-    return 1.0 / max(factor, 1e-3) - 1.0
+    return 1.0 / max(factor, _LEAST_FACTOR) - 1.0
 
 
 def _mass_of(error: float) -> float:
-    return 1.0 / max(1.0 + error, 1e-3)
+    return 1.0 / max(1.0 + error, _LEAST_FACTOR)

@@ -171,6 +171,21 @@ def test_windows_leave_out_what_was_not_measured():
     assert np.isfinite(less.position_rad).all() and np.isfinite(less.sent_nm).all()
 
 
+@pytest.mark.parametrize("measured", [True, False], ids=["measured", "commanded"])
+def test_windows_leave_out_when_nobody_knows_the_torque(measured):
+    model = mujoco.MjModel.from_xml_string(PENDULUM.format(more=""))
+    recording = recorded(model, targets(8.0, 3))
+    assert recording.joints is not None and recording.joints.commanded_torque_nm is not None
+    gone = recording.joints.commanded_torque_nm.copy()
+    gone[500:900] = np.nan
+    columns = {"commanded_torque_nm": None, "measured_torque_nm": gone} if measured else {"commanded_torque_nm": gone}
+    joints = replace(recording.joints, **columns, feedback=None, not_recorded=())
+    study = study_joints(model, [replace(recording, joints=joints)], lambda *_: None, robot=UnknownRobot(), gate=np.inf)
+    windows = windows_of(study.problem.episodes, 0.5, STEP_S, np.array([1e-4]))
+    ends = windows.past.first + round(0.5 / STEP_S) if windows.past is not None else np.zeros(0)
+    assert len(windows) and ((ends <= 500) | (windows.past.first >= 900)).all()
+
+
 def test_windows_at_an_end_of_a_joint_are_left_out_where_enough_others_are_left():
     free = mujoco.MjModel.from_xml_string(PENDULUM.format(more=""))
     recording = recorded(free, targets(8.0, 3))

@@ -23,23 +23,53 @@ def masses(*factors: tuple[str, float]) -> Verdict:
     return Verdict(verdict=VerdictKind.NAMED, summary="Masses.", causes=causes)
 
 
+TOLERATED = 0.02
+
+
+def constants(*errors: tuple[str, float]) -> Verdict:
+    causes = tuple(Cause("torque_constant", "error", name, by, "1", (by - 0.005, by + 0.005)) for name, by in errors)
+    return Verdict(verdict=VerdictKind.NAMED, summary="Motors.", causes=causes)
+
+
 def test_all_masses_by_one_share_may_be_all_torques():
-    found = with_share_of_all(masses(("upper", 0.75), ("lower", 0.74)), ("upper", "lower"))
+    found = with_share_of_all(masses(("upper", 0.75), ("lower", 0.74)), ("upper", "lower"), (True, True), TOLERATED)
     assert found.verdict is VerdictKind.CONFUSABLE and found.record_next
-    constants = {cause.where: cause.value for cause in found.causes if cause.effect == "torque_constant"}
-    assert constants == {"upper": pytest.approx(1 / 0.75 - 1), "lower": pytest.approx(1 / 0.74 - 1)}
+    errors = {cause.where: cause.value for cause in found.causes if cause.effect == "torque_constant"}
+    assert errors == {"upper": pytest.approx(1 / 0.75 - 1), "lower": pytest.approx(1 / 0.74 - 1)}
 
 
 @pytest.mark.parametrize(("factor", "is_asked"), [(0.58, False), (0.75, True), (2.5, False)])
 def test_the_mass_of_a_single_link_may_be_its_torque_where_rollouts_could_not_ask(factor, is_asked):
-    found = with_share_of_all(masses(("upper", factor)), ("upper",))
+    found = with_share_of_all(masses(("upper", factor)), ("upper",), (True,), TOLERATED)
     assert (found.verdict is VerdictKind.NAMED) is is_asked
     assert [cause.value for cause in found.causes[1:]] == ([] if is_asked else [pytest.approx(1 / factor - 1)])
 
 
 @pytest.mark.parametrize("factors", [(("upper", 0.75),), (("upper", 0.75), ("lower", 0.9))])
 def test_masses_that_are_off_each_by_its_own_are_named(factors):
-    assert with_share_of_all(masses(*factors), ("upper", "lower")).verdict is VerdictKind.NAMED
+    assert with_share_of_all(masses(*factors), ("upper", "lower"), (True, True), TOLERATED).verdict is VerdictKind.NAMED
+
+
+def test_the_only_motor_of_an_arm_that_is_too_weak_may_be_all_masses_also_of_links_that_nothing_drives():
+    found = with_share_of_all(constants(("cart", -0.2)), ("cart", "pole"), (True, False), TOLERATED)
+    assert found.verdict is VerdictKind.CONFUSABLE
+    assert {c.where: c.value for c in found.causes if c.effect == "link_mass"} == {
+        "cart": pytest.approx(1.25),
+        "pole": pytest.approx(1.25),
+    }
+
+
+def test_masses_of_all_links_may_be_the_only_motor():
+    found = with_share_of_all(masses(("cart", 1.25), ("pole", 1.25)), ("cart", "pole"), (True, False), TOLERATED)
+    assert {c.where: c.value for c in found.causes if c.effect == "torque_constant"} == {"cart": pytest.approx(-0.2)}
+
+
+@pytest.mark.parametrize(("error", "is_named"), [(-0.185, False), (-0.15, True)])
+def test_shares_may_differ_by_what_masses_may_be_off(error, is_named):
+    found = with_share_of_all(constants(("a", -0.2), ("b", error)), ("a", "b"), (True, True), TOLERATED)
+    assert (found.verdict is VerdictKind.NAMED) is is_named
+    assert len(found.causes) == (2 if is_named else 4)
+    assert all(low < cause.value < high for cause in found.causes for low, high in [cause.interval_90])
 
 
 @pytest.mark.parametrize("joints", [("lower",), ("upper", "lower")])

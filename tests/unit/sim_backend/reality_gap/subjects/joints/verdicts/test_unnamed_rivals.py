@@ -26,6 +26,7 @@ PENDULUM = """
   <inertial pos="0 0 -0.2" mass="0.5" diaginertia="1e-3 1e-3 1e-3"/></body>
 </worldbody></mujoco>
 """
+WHEEL = PENDULUM.replace('pos="0 0 -0.2"', 'pos="0 0 0"').replace('armature="0.001"', 'armature="0.02" frictionloss="{loss}"')
 STEP_S, DRAG_NM_S2 = 0.005, 0.004
 
 
@@ -67,6 +68,36 @@ def test_what_no_effect_explains_is_told_with_the_law_that_takes_half_of_it():
     assert before.verdict is found.verdict is VerdictKind.UNEXPLAINED and "square of speed" not in before.summary
     assert "With drag that grows with the square of speed half of what is left goes" in found.summary
     assert found.record_next[0] == "each joint slowly and as fast as it goes"
+
+
+def turned(both_ways: bool, seed: int) -> Recording:
+    """A wheel with dry friction that a torque turns one way, or both."""
+    model, rng = mujoco.MjModel.from_xml_string(WHEEL.format(loss=0.05)), np.random.default_rng(seed)
+    data, found, sent = mujoco.MjData(model), np.empty((1200, 1)), np.empty((1200, 1))
+    phase = rng.uniform(0.0, 2.0 * np.pi, 2)
+    for i, row in enumerate(found):
+        row[0] = data.qpos[0] + 5e-5 * rng.standard_normal()
+        waves = 0.08 * np.sin(1.9 * STEP_S * i + phase[0]) + 0.05 * np.sin(4.3 * STEP_S * i + phase[1])
+        sent[i] = 2.0 * waves if both_ways else 0.2 + waves - 0.03 * data.qvel[0]
+        for _ in range(10):
+            data.qfrc_applied[0] = sent[i, 0]
+            mujoco.mj_step(model, data)
+    return Recording(
+        f"r{seed}", "made here", STEP_S, STEP_S * np.arange(1200), JointSignals(("hinge",), found, commanded_torque_nm=sent)
+    )
+
+
+@pytest.mark.parametrize("both_ways", [True, False])
+def test_friction_of_a_joint_that_turns_one_way_alone_may_be_a_torque_that_is_always_there(both_ways):
+    model, robot = mujoco.MjModel.from_xml_string(WHEEL.format(loss=0.0)), UnknownRobot(Tolerance())
+    study = study_joints(model, [turned(both_ways, 1), turned(both_ways, 2)], lambda *_: None, robot=robot, gate=np.inf)
+    problem = RolloutProblem(study.problem.episodes, study.start, study.fit.first.catalogue, robot.tolerance)
+    selection = select_by_rollouts(problem, problem.catalogue, lambda _: True)
+    before = pendulum.judged(study, selection, DrawnRobots(problem, np.random.default_rng(0), draws=20))
+    found = against_unnamed(before, selection, FAR_OFF * problem.noise_rad)
+    said = any("always there" in one for one in found.cannot_tell)
+    assert {cause.effect for cause in before.causes} >= {"coulomb_friction"} if both_ways else before.causes
+    assert (found.verdict is VerdictKind.NAMED) is both_ways and said is not both_ways
 
 
 def test_drag_is_tried_where_it_takes_as_much_energy_as_the_friction():
