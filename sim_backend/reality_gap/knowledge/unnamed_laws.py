@@ -19,7 +19,6 @@ LINK_CENTRES = ("link.centre_x_m", "link.centre_y_m", "link.centre_z_m")
 MASS, CONSTANT = ("link_mass", "factor"), ("torque_constant", "error")
 """Of all joints by one share they are the same motion."""
 
-
 ONE_WAY = ("coulomb_friction", "stribeck_friction", "load_friction")
 """Frictions that are a constant torque where a joint moves one way alone."""
 
@@ -71,6 +70,12 @@ LAWS = (
         "a link whose mass lies elsewhere, such as with a tool on it",
         frozenset({"torque_constant", "rotor_inertia", "encoder_offset", "joint_stiffness"}),
         "the links weighed, with their centres of mass, or the same motion without what is mounted on them",
+    ),
+    UnnamedLaw(
+        tuple((key, 1e-3) for key in LINK_CENTRES),
+        "a link whose centre of mass is not where the model has it",
+        frozenset({"link_mass", "gravity", "table_tilt"}),
+        "each link balanced on an edge, or quick motions, whose inertia tells a centre of mass from a mass",
     ),
     UnnamedLaw(
         ((BRAKING, 0.01),),

@@ -27,6 +27,13 @@ PENDULUM = """
 </worldbody></mujoco>
 """
 WHEEL = PENDULUM.replace('pos="0 0 -0.2"', 'pos="0 0 0"').replace('armature="0.001"', 'armature="0.02" frictionloss="{loss}"')
+ARM = """
+<mujoco><option timestep="0.0005" integrator="implicitfast"/><worldbody><body>
+ <joint name="upper" axis="0 1 0" damping="0.05" frictionloss="0.08" armature="0.01"/>
+ <inertial pos="0 0 -0.15" mass="1" diaginertia="0.0075 0.0075 0.001"/>
+ <body pos="0 0 -0.3"><joint name="lower" axis="0 1 0" damping="0.03" frictionloss="0.04" armature="0.005"/>
+  <inertial pos="0 0 -{centre}" mass="{mass}" diaginertia="0.006 0.006 0.001"/></body></body></worldbody></mujoco>
+"""
 STEP_S, DRAG_NM_S2 = 0.005, 0.004
 
 
@@ -98,6 +105,48 @@ def test_friction_of_a_joint_that_turns_one_way_alone_may_be_a_torque_that_is_al
     said = any("always there" in one for one in found.cannot_tell)
     assert {cause.effect for cause in before.causes} >= {"coulomb_friction"} if both_ways else before.causes
     assert (found.verdict is VerdictKind.NAMED) is both_ways and said is not both_ways
+
+
+def arm(mass_kg: float, centre_m: float) -> mujoco.MjModel:
+    """Two links, the lower one with such a mass and centre."""
+    return mujoco.MjModel.from_xml_string(ARM.format(mass=mass_kg, centre=centre_m))
+
+
+def followed(model: mujoco.MjModel, quickness: float, seed: int) -> Recording:
+    """An arm that a controller leads along sines, so much quicker or slower than 1 to 9 rad/s."""
+    rng, data = np.random.default_rng(seed), mujoco.MjData(model)
+    found, sent = np.empty((2400, 2)), np.empty((2400, 2))
+    speed, phase = quickness * rng.uniform(1.0, 9.0, (2, 3)), rng.uniform(0.0, 2.0 * np.pi, (2, 3))
+    for i in range(len(found)):
+        found[i] = data.qpos
+        target = np.array([0.4, 0.5]) * np.sin(speed * STEP_S * i + phase).sum(axis=1)
+        sent[i] = np.array([20.0, 10.0]) * (target - data.qpos) - np.array([1.0, 0.4]) * data.qvel
+        data.qfrc_applied[:] = sent[i]
+        for _ in range(10):
+            mujoco.mj_step(model, data)
+    joints = JointSignals(("upper", "lower"), found + 1e-4 * rng.standard_normal(found.shape), commanded_torque_nm=sent)
+    return Recording(f"r{seed}", "made here", STEP_S, STEP_S * np.arange(len(found)), joints)
+
+
+@pytest.mark.parametrize(
+    ("mass_kg", "centre_m", "quickness", "is_mass"),
+    [(0.8, 0.162, 0.15, False), (0.88, 0.15, 1.0, True)],
+    ids=["a centre that slow motions cannot tell from masses", "a mass that quick motions tell"],
+)
+def test_a_centre_of_mass_that_is_off_is_not_called_masses(mass_kg, centre_m, quickness, is_mass):
+    robot = UnknownRobot(Tolerance())
+    recordings = [followed(arm(mass_kg, centre_m), quickness, seed) for seed in (1, 2)]
+    study = study_joints(arm(0.8, 0.15), recordings, lambda *_: None, robot=robot, gate=np.inf)
+    hypotheses = tuple(h for h in study.fit.first.catalogue.hypotheses if h.effect == "link_mass")
+    problem = RolloutProblem(
+        study.problem.episodes, study.start, replace(study.fit.first.catalogue, hypotheses=hypotheses), robot.tolerance
+    )
+    selection = select_by_rollouts(problem, problem.catalogue, lambda _: True)
+    before = pendulum.judged(study, selection, DrawnRobots(problem, np.random.default_rng(0), draws=20))
+    found = against_unnamed(before, selection, FAR_OFF * problem.noise_rad)
+    assert before.verdict is VerdictKind.NAMED
+    assert (found.verdict is VerdictKind.NAMED) is is_mass
+    assert any("centre of mass" in said for said in (found.summary, *found.cannot_tell)) is not is_mass
 
 
 def test_drag_is_tried_where_it_takes_as_much_energy_as_the_friction():
