@@ -24,7 +24,7 @@ from tests.second_generator.case import draw_case
 from tests.second_generator.folder import write_case
 from tests.second_generator.judging import ask
 
-SMOOTHED_ROWS = 7
+SMOOTHED_ROWS, HELD_ROWS = 7, 5
 LIMIT_S = 1800.0
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
 
@@ -160,6 +160,30 @@ def swapped(table: Table) -> np.ndarray:
     return rows
 
 
+def held(*keys: str) -> Callable[[Table], np.ndarray]:
+    """A way that writes channels as a logger does that is five times as fast as their sensors; all without keys."""
+
+    def changed(table: Table) -> np.ndarray:
+        rows, columns = table.rows.copy(), table.columns(*keys) if keys else range(1, len(table.header))
+        for i in columns:
+            rows[:, i] = rows[np.arange(len(rows)) // HELD_ROWS * HELD_ROWS, i]
+        return rows
+
+    return changed
+
+
+def torques_missing(table: Table) -> np.ndarray:
+    """For a fifth of the time in the middle, while the motors went on."""
+    rows, fifth = table.rows.copy(), len(table.rows) // 5
+    rows[2 * fifth : 3 * fifth, table.torques] = np.nan
+    return rows
+
+
+def unequal(torques: np.ndarray) -> np.ndarray:
+    """All too small, by shares as unlike as those of two motors of a kind."""
+    return torques * np.linspace(0.8, 0.785, torques.shape[1])
+
+
 WAYS: dict[str, Callable[[Table], np.ndarray]] = {
     "at 50 Hz": seldom,
     "clock slow": clock_slow,
@@ -167,12 +191,16 @@ WAYS: dict[str, Callable[[Table], np.ndarray]] = {
     "one torque off": of_torques(last_one_off),
     "one torque scaled": of_torques(last_scaled),
     "positions filtered": positions_filtered,
+    "positions held": held("position", "velocity"),
+    "rows held": held(),
     "rows lost": rows_lost,
     "stamps late": stamps_late,
     "torques 0.5": of_torques(lambda torques: 0.5 * torques),
     "torques 0.8": of_torques(lambda torques: 0.8 * torques),
     "torques 1.73": of_torques(lambda torques: np.sqrt(3.0) * torques),
+    "torques 0.8 and 0.785": of_torques(unequal),
     "torques in steps": of_torques(in_steps),
+    "torques missing": torques_missing,
     "torques smoothed": of_torques(smoothed),
     "torques swapped": swapped,
     "without gravity": without_gravity,
@@ -191,7 +219,7 @@ def tell_otherwise(case: Path, way: str, to: Path) -> None:
         with path.open("w", newline="") as file:
             writer = csv.writer(file)
             writer.writerow(header)
-            writer.writerows([[repr(float(value)) for value in row] for row in WAYS[way](table)])
+            writer.writerows([["" if np.isnan(value) else repr(float(value)) for value in row] for row in WAYS[way](table)])
 
 
 def main(arguments: list[str] | None = None) -> int:
