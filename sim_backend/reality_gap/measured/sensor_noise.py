@@ -1,11 +1,16 @@
 """How large the noise of a sensor is, told from what it reports while it moves smoothly."""
 
+from math import comb
+
 import numpy as np
 
 from sim_backend.reality_gap.quantiles import MEDIAN_SIZE
 
 LEAST_NOISE_RAD = 3e-5
 """No encoder is trusted beyond this: laws of friction and gears do not hold to less, however quiet a simulated sensor is."""
+_MOVES = 4.0
+"""Times as large with every other row alone: noise is as large there, and what smooth motion adds is 16 times as large."""
+_ORDERS = (6, 8, 10, 12)
 _GROWS = 2.0
 """Times the noise of the slowest third of the samples that the quickest third has, where it grows with the speed."""
 
@@ -39,11 +44,17 @@ def encoder_step(position_rad: np.ndarray) -> np.ndarray:
 
 
 def white_noise(series: np.ndarray) -> np.ndarray:
-    """Standard deviation of what is white in each column, from fourth differences, which smooth motion has none of; (k,).
+    """Standard deviation of what is white in each column, from differences that smooth motion has next to none of; (k,).
 
-    It is 0 where nothing is known.
+    Fourth differences have none of motions that are slow beside the rate of the rows. Where they have, which shows in every
+    other row alone, higher ones have less. It is 0 where nothing is known.
     """
-    return _level_of(np.diff(series, 4, axis=0))
+    level = _level_of(np.diff(series, 4, axis=0), 4)
+    moves = _level_of(np.diff(series[::2], 4, axis=0), 4) > _MOVES * level
+    if moves.any() and len(series) > 2 * _ORDERS[-1]:
+        higher = [_level_of(np.diff(series[:, moves], order, axis=0), order) for order in _ORDERS]
+        level[moves] = np.min([level[moves], *(np.where(each > 0.0, each, level[moves]) for each in higher)], axis=0)
+    return level
 
 
 def grows_with_speed(series: np.ndarray) -> np.ndarray:
@@ -57,11 +68,13 @@ def grows_with_speed(series: np.ndarray) -> np.ndarray:
     differences, ways = np.diff(series, 4, axis=0), np.abs(series[4:] - series[:-4])
     ways[:, np.isnan(ways).all(axis=0)] = 0.0
     slow, quick = np.nanquantile(ways, [1.0 / 3.0, 2.0 / 3.0], axis=0)
-    of_slow, of_quick = (_level_of(np.where(rows, differences, np.nan)) for rows in (ways <= slow, ways >= quick))
+    of_slow, of_quick = (_level_of(np.where(rows, differences, np.nan), 4) for rows in (ways <= slow, ways >= quick))
     return of_quick > _GROWS * np.maximum(of_slow, LEAST_NOISE_RAD)
 
 
-def _level_of(differences: np.ndarray) -> np.ndarray:
-    """Standard deviation of white noise whose fourth differences these are, shapes (s, k) and (k,)."""
+def _level_of(differences: np.ndarray, order: int) -> np.ndarray:
+    """Standard deviation of white noise whose differences of an order these are, shapes (s, k) and (k,); 0 if none is known."""
+    if not len(differences):
+        return np.zeros(differences.shape[1])
     differences[:, np.isnan(differences).all(axis=0)] = 0.0
-    return np.asarray(np.nanmedian(np.abs(differences), axis=0) / (MEDIAN_SIZE * np.sqrt(70.0)))
+    return np.asarray(np.nanmedian(np.abs(differences), axis=0) / (MEDIAN_SIZE * np.sqrt(comb(2 * order, order))))
