@@ -37,7 +37,12 @@ from sim_backend.reality_gap.subjects.joints.verdicts.filtered_loops import with
 from sim_backend.reality_gap.subjects.joints.verdicts.judged import not_judged
 from sim_backend.reality_gap.subjects.joints.verdicts.misreadings import listed
 from sim_backend.reality_gap.subjects.joints.verdicts.needed_causes import with_needed_causes
-from sim_backend.reality_gap.subjects.joints.verdicts.torques_and_rollouts import in_both, proposed_by, with_unlike_torques
+from sim_backend.reality_gap.subjects.joints.verdicts.torques_and_rollouts import (
+    in_both,
+    of_smoothed,
+    proposed_by,
+    with_unlike_torques,
+)
 from sim_backend.reality_gap.subjects.joints.verdicts.unnamed_patterns import against_patterns
 from sim_backend.reality_gap.subjects.joints.verdicts.unnamed_rivals import against_unnamed
 from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_rollouts import verdict_of_rollouts
@@ -164,7 +169,7 @@ def _with_torques(found: JointStudy, torques: Verdict, rollouts: Verdict) -> Ver
     damping = np.where(_unrecorded_controllers(found), _damping_of_controllers(found), np.nan)
     late = [*of_velocities, *perhaps]
     rollouts = without_loops_of_filters(rollouts, late, found.problem.names, found.start.value(ARMATURE), damping)
-    doubts = [*between.doubts, *sensors_of_two(found, torques.causes)]
+    doubts = [*between.doubts, *of_smoothed(rollouts.causes, between.smoothed), *sensors_of_two(found, torques.causes)]
     unlike = [*between.unlike, *_unlike_laws(found)]
     both = with_unlike_torques(in_both(torques, rollouts, [*between.causes, *of_velocities], doubts), unlike)
     return replace(both, cannot_tell=(*both.cannot_tell, *between.open, *left_open))

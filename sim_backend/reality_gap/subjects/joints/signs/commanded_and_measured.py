@@ -73,12 +73,14 @@ class BetweenTorques:
         doubts: of those that may be something else.
         open: what is left open, in sentences.
         unlike: sentences on what neither a delay nor a limit explains.
+        smoothed: joints whose measured torque follows the commanded one as through a filter.
     """
 
     causes: Sequence[Cause]
     doubts: Sequence[Doubt]
     open: Sequence[str]
     unlike: Sequence[str]
+    smoothed: Sequence[str] = ()
 
 
 def between(sent: Sequence[np.ndarray], measured: Sequence[np.ndarray], most_rows: int) -> Between | None:
@@ -206,7 +208,7 @@ def causes_between(episodes: Sequence[EpisodeEquations], names: Sequence[str]) -
         episodes: of a study.
         names: of its joints.
     """
-    causes, doubts, open_, unlike = list[Cause](), list[Doubt](), list[str](), list[str]()
+    causes, doubts, open_, unlike, smoothed = list[Cause](), list[Doubt](), list[str](), list[str](), list[str]()
     pairs = [(e.path.joints.commanded_torque_nm, e.path.joints.measured_torque_nm) for e in episodes]
     both = [(sent, felt) for sent, felt in pairs if sent is not None and felt is not None]
     if not both:
@@ -218,6 +220,7 @@ def causes_between(episodes: Sequence[EpisodeEquations], names: Sequence[str]) -
         if found is None:
             continue
         if found.is_filter:
+            smoothed.append(name)
             lateness = f"up to {1e3 * row_s * found.late_rows:.3g} ms"
             open_.append(
                 f"whether torque of {name} is delayed by {lateness} or smoothed: what was measured follows as through a filter"
@@ -248,7 +251,7 @@ def causes_between(episodes: Sequence[EpisodeEquations], names: Sequence[str]) -
             "measured torques are a share of the commanded ones that changes with time, at all joints alike: "
             f"{shares[0]:.0%} to {shares[1]:.0%} of what is usual"
         )
-    return BetweenTorques(causes, doubts, open_, unlike)
+    return BetweenTorques(causes, doubts, open_, unlike, smoothed)
 
 
 def _cause(key: str, name: str, value: float, error: float) -> Cause:

@@ -12,6 +12,7 @@ from sim_backend.reality_gap.knowledge.joint_effects import (
     COGGING_PHASE,
     FILTERED_VELOCITY,
     NUMBERS,
+    OF_LATE_COLUMNS,
     SENSOR_NOISE,
     Sign,
     effect_of,
@@ -52,7 +53,7 @@ def in_both(torques: Verdict, rollouts: Verdict, columns: Sequence[Cause] = (), 
         torques: verdict by equations.
         rollouts: verdict by simulated motions of the same recordings.
         columns: what two columns of one joint say of each other: commanded and measured torque, positions and velocities.
-        doubts: of causes of sensors or columns.
+        doubts: of causes that may be no fault.
     """
     is_open = rollouts.verdict is not VerdictKind.NOTHING_WRONG
     if (torques.misreads and is_open) or (torques.verdict is VerdictKind.NOT_IDENTIFIABLE and not rollouts.causes):
@@ -68,7 +69,7 @@ def in_both(torques: Verdict, rollouts: Verdict, columns: Sequence[Cause] = (), 
         places = ", ".join(dict.fromkeys(f"{cause.effect.replace('_', ' ')} ({cause.where})" for cause in seen))
         beside = f"{summary} Beside it there is" if rollouts.causes else "The robot goes where the model goes; there is"
         kind, summary = VerdictKind.NAMED, f"{beside} {places}."
-    open_ = [doubt for doubt in doubts if doubt.cause in seen]
+    open_ = [doubt for doubt in doubts if doubt.cause in (*rollouts.causes, *seen)]
     if open_ and kind is VerdictKind.NAMED:
         kind, summary = VerdictKind.CONFUSABLE, f"{summary} Or {open_[0].other}."
     cannot_tell = (*(f"whether {doubt.other}" for doubt in open_), *rollouts.cannot_tell, *_disagreement(torques, kind))
@@ -84,6 +85,24 @@ def in_both(torques: Verdict, rollouts: Verdict, columns: Sequence[Cause] = (), 
         held_out_there=torques.held_out_there,
         effects=_together(rollouts, seen, {effect for _, effect in doubted}, open_),
     )
+
+
+def of_smoothed(causes: Sequence[Cause], smoothed: Sequence[str]) -> list[Doubt]:
+    """Of causes of a motion that was driven by a measured torque behind a filter: the column may be late, and no torque.
+
+    Args:
+        causes: of the motion.
+        smoothed: joints whose measured torque follows the commanded one as through a filter.
+    """
+    return [
+        Doubt(
+            cause,
+            f"the measured torque of {cause.where} is smoothed by its sensor alone, and what acts is what was commanded",
+            "the same recordings without the column of the measured torque",
+        )
+        for cause in causes
+        if cause.effect in OF_LATE_COLUMNS and cause.where in smoothed
+    ]
 
 
 def with_unlike_torques(verdict: Verdict, unlike: Sequence[str]) -> Verdict:

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from sim_backend.reality_gap.subjects.joints.verdicts.torques_and_rollouts import in_both
+from sim_backend.reality_gap.subjects.joints.verdicts.torques_and_rollouts import in_both, of_smoothed
 from sim_backend.reality_gap.verdict import Cause, Doubt, EffectJudged, Told, Verdict, VerdictKind
 
 FRICTION = Cause("coulomb_friction", "torque_nm", "elbow", 0.1, "N m", (0.08, 0.12))
@@ -50,6 +50,15 @@ def test_what_motors_show_is_named_only_where_the_motion_agrees():
     assert agrees.verdict is VerdictKind.NAMED and agrees.causes == (DELAY,) and agrees.effects[0].told is Told.NAMED
     does_not = in_both(verdict(VerdictKind.NOTHING_WRONG), verdict(VerdictKind.UNEXPLAINED, effects=judged), [DELAY])
     assert does_not.verdict is VerdictKind.UNEXPLAINED and does_not.effects[0].told is Told.NOT_JUDGED
+
+
+@pytest.mark.parametrize(("smoothed", "kind"), [(("elbow",), VerdictKind.CONFUSABLE), (("wrist",), VerdictKind.NAMED)])
+def test_damping_beside_a_current_behind_a_filter_may_be_a_column_that_is_late(smoothed, kind):
+    damping = replace(FRICTION, effect="viscous_friction", parameter="damping_nm_s_rad")
+    doubts = of_smoothed((damping, FRICTION), smoothed)
+    found = in_both(verdict(VerdictKind.NAMED), verdict(VerdictKind.NAMED, damping, FRICTION), (), doubts)
+    assert found.verdict is kind and found.causes == (damping, FRICTION)
+    assert ("smoothed by its sensor" in found.summary) is (kind is VerdictKind.CONFUSABLE)
 
 
 def test_what_may_be_no_fault_is_not_named_for_sure():
