@@ -1,11 +1,13 @@
 """How long our PPO and rsl_rl's take to push: ``python -m tests.benchmarks.peer_ppo --rows ROWS.jsonl --out FILE``.
 
-Both learn in the environment of a recipe, with as many robots, steps of a rollout and layers of the same sizes; the critics of
-both may know more than the policy. All else of rsl_rl is as its users publish it for lifting a cube: Isaac Lab's
-``LiftCubePPORunnerCfg`` (5 epochs, 4 minibatches, learning rate 1e-4 and adaptive, discount 0.98, entropy 0.006), but for its
-observations: they are normalised here, since ours are metres and radians as they are. In turns, seed by seed, until 90 % of 200
-goals are reached at 1 kHz. These are tried every so many samples, with the clock of the training stopped. The peer gives up at
-twice the time that ours took with the seed. A training that was stopped begins anew; kept ones are not redone.
+Both learn in the environment of a recipe, with as many robots, steps of a rollout and layers of the same sizes, and with the
+same inputs: what the policy sees, completed by the differences between places in it. The critics of both may know more than the
+policy. All else of rsl_rl is as its users publish it for lifting a cube: Isaac Lab's ``LiftCubePPORunnerCfg`` (5 epochs, 4
+minibatches, learning rate 1e-4 and adaptive, discount 0.98, entropy 0.006), but for its observations: they are normalised here,
+since ours are metres and radians as they are. In turns, seed by seed, until 90 % of 200 goals are reached at 1 kHz. These are
+tried every so many samples, with the clock of the training stopped. The peer gives up at twice the time that ours took with the
+seed. A training that was stopped begins anew; kept ones are not redone, and count only with the settings that they were made
+with. Each says what time of the processor it took, and how busy the machine was.
 """
 
 import argparse
@@ -28,10 +30,12 @@ import torch
 from rsl_rl.runners import OnPolicyRunner
 from tensordict import TensorDict
 
+from api_schemas.policy import PolicyManifest
 from sim_backend.environments.vec_env import PRIVILEGED, SEEN, TrifingerVecEnv
 from sim_backend.evaluation import Act, evaluate
 from sim_backend.tasks import TASKS
 from sim_backend.training import evaluating
+from sim_backend.training.actor_critic import difference_matrix
 from sim_backend.training.from_recipe import practice_of_recipe
 from sim_backend.training.randomization import randomizer_of
 from sim_backend.training.recipe import Recipe, load_recipe
@@ -53,6 +57,7 @@ class Course:
         self._manifest = practice_of_recipe(recipe, randomizer_of(recipe)).manifest
         self.curve: list[dict[str, float]] = []
         self._begun_s, self._away_s = time.perf_counter(), 0.0
+        self._begun_cpu_s, self._away_cpu_s = time.process_time(), 0.0
 
     @property
     def arrived(self) -> bool:
@@ -61,12 +66,15 @@ class Course:
 
     def is_over(self, act: Act, samples: int) -> bool:
         """Try the policy as it is on nominal robots at 1 kHz, while the clock stands still; whether that ends the training."""
-        away_s = time.perf_counter()
-        spent_s, seeds = away_s - self._begun_s - self._away_s, range(FIRST_GOAL, FIRST_GOAL + self._goals)
+        away_s, away_cpu_s = time.perf_counter(), time.process_time()
+        spent_s, spent_cpu_s = away_s - self._begun_s - self._away_s, away_cpu_s - self._begun_cpu_s - self._away_cpu_s
+        seeds = range(FIRST_GOAL, FIRST_GOAL + self._goals)
         rate = float(evaluate(act, self._manifest, self._task, seeds, threads=self._threads).success.mean())
-        self.curve.append({"samples": samples, "wall_s": round(spent_s, 1), "success": rate})
+        spent = {"wall_s": round(spent_s, 1), "processor_s": round(spent_cpu_s, 1), "load": round(os.getloadavg()[0], 2)}
+        self.curve.append({"samples": samples, **spent, "success": rate})
         print(f"  {samples:>11,} samples {spent_s:7.0f} s  {rate:.0%}", flush=True)
         self._away_s += time.perf_counter() - away_s
+        self._away_cpu_s += time.process_time() - away_cpu_s
         return self.arrived or spent_s >= self._limit_s
 
 
@@ -83,21 +91,20 @@ def ours(recipe: Recipe, threads: int, course: Course) -> None:
 
 
 class ForRslRl:
-    """``rsl_rl.env.VecEnv`` around our robots; trials that ran out of time are told as such."""
+    """``rsl_rl.env.VecEnv`` around our robots, with the inputs of our networks; trials that ran out of time are told as such."""
 
     device, cfg, num_actions = "cpu", {}, 9
 
-    def __init__(self, robots: TrifingerVecEnv) -> None:
-        self._robots, self.num_envs = robots, robots.num_envs
+    def __init__(self, robots: TrifingerVecEnv, manifest: PolicyManifest) -> None:
+        self._robots, self.num_envs, self._manifest = robots, robots.num_envs, manifest
         self.max_episode_length = robots.environment.practice.periods
         self.episode_length_buf = torch.zeros(self.num_envs, dtype=torch.long)
         self._seen: Any = robots.reset()
 
     def get_observations(self) -> TensorDict:
         """What actor and critic see now."""
-        return TensorDict(
-            {name: torch.from_numpy(np.asarray(self._seen[name], np.float32)) for name in (SEEN, PRIVILEGED)}, [self.num_envs]
-        )
+        privileged = torch.from_numpy(np.asarray(self._seen[PRIVILEGED], np.float32))
+        return TensorDict({SEEN: completed(self._seen[SEEN], self._manifest), PRIVILEGED: privileged}, [self.num_envs])
 
     def step(self, actions: torch.Tensor) -> tuple[TensorDict, torch.Tensor, torch.Tensor, dict[str, torch.Tensor]]:
         """Advance all robots by one control period."""
@@ -109,6 +116,12 @@ class ForRslRl:
             torch.from_numpy(done).long(),
             {"time_outs": torch.from_numpy(late)},
         )
+
+
+def completed(seen: np.ndarray, manifest: PolicyManifest) -> torch.Tensor:
+    """What a policy sees, shape (n, seen), with the differences between places in it that our networks are given, too."""
+    numbers = np.asarray(seen, np.float32)
+    return torch.from_numpy(np.concatenate([numbers, numbers @ difference_matrix(manifest).T.astype(np.float32)], axis=1))
 
 
 def runner_settings(recipe: Recipe) -> dict[str, Any]:
@@ -144,12 +157,12 @@ def peer(recipe: Recipe, threads: int, course: Course) -> None:
     torch.set_num_threads(threads)
     practice = practice_of_recipe(recipe, randomizer_of(recipe))
     robots = TrifingerVecEnv(practice, robots=recipe.ppo.robots, threads=threads, seed=recipe.seed, privileged=True)
-    runner = OnPolicyRunner(ForRslRl(robots), runner_settings(recipe), log_dir=None, device="cpu")  # type: ignore[arg-type]
+    runner = OnPolicyRunner(ForRslRl(robots, practice.manifest), runner_settings(recipe), log_dir=None, device="cpu")  # type: ignore[arg-type]
     batch = recipe.ppo.robots * recipe.ppo.steps
     between = max(1, recipe.evaluation.every_samples // batch)
 
     def act(observation: np.ndarray) -> np.ndarray:
-        seen = TensorDict({SEEN: torch.from_numpy(np.asarray(observation, np.float32))}, [len(observation)])
+        seen = TensorDict({SEEN: completed(observation, practice.manifest)}, [len(observation)])
         with torch.inference_mode():
             return practice.action_space.to_command(runner.get_inference_policy()(seen).numpy())
 
@@ -165,14 +178,16 @@ LEARNERS: dict[str, Callable[[Recipe, int, Course], None]] = {OURS: ours, PEER: 
 
 
 def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """Seconds by learner and the ratio of their medians; of trainings that did not arrive, those until they ended."""
+    """Seconds by learner and the ratios of their medians; of trainings that did not arrive, those until they ended."""
     found: dict[str, Any] = {"wanted": WANTED, "wanted_ratio": QUICKER, "machine": kind()}
     for learner in LEARNERS:
         own = [row for row in rows if row["learner"] == learner]
-        seconds = sorted(row["curve"][-1]["wall_s"] for row in own)
-        found[learner] = {"trainings": len(own), "arrived": sum(row["arrived"] for row in own), "seconds": seconds}
+        ends = [row["curve"][-1] for row in own]
+        found[learner] = {"trainings": len(own), "arrived": sum(row["arrived"] for row in own)}
+        found[learner] |= {name: sorted(end[name] for end in ends) for name in ("wall_s", "processor_s")}
     if found[OURS]["arrived"] == found[OURS]["trainings"] == found[PEER]["trainings"] > 0:
-        found["ratio_at_least"] = round(median(found[PEER]["seconds"]) / median(found[OURS]["seconds"]), 3)
+        ratio = {name: round(median(found[PEER][name]) / median(found[OURS][name]), 3) for name in ("wall_s", "processor_s")}
+        found |= {"ratio_at_least": ratio["wall_s"], "ratio_of_processors": ratio["processor_s"]}
     return found | {"trainings": rows}
 
 
@@ -202,6 +217,9 @@ def main() -> None:
     ppo = recipe.ppo
     if asked.robots:
         ppo = ppo.model_copy(update={"robots": asked.robots, "minibatch": min(ppo.minibatch, asked.robots * ppo.steps)})
+    made_with = {name: value for name, value in vars(asked).items() if name not in {"rows", "out", "seeds"}}
+    if others := [row["seed"] for row in kept(asked.rows) if row.get("settings") != made_with]:
+        parser.error(f"{asked.rows} has trainings with other settings (seeds {others}); name another file")
     changes = {"minutes": None, "samples": asked.samples or recipe.samples, "evaluation": evaluation, "ppo": ppo}
     for seed in asked.seeds:
         for learner, learn in LEARNERS.items():
@@ -213,7 +231,7 @@ def main() -> None:
             limit_s = GIVES_UP * done[OURS]["curve"][-1]["wall_s"] if learner == PEER else math.inf
             course = Course(settings, asked.goals, asked.threads, limit_s)
             learn(settings, asked.threads, course)
-            row = {"learner": learner, "seed": seed, "arrived": course.arrived, "curve": course.curve}
+            row = {"learner": learner, "seed": seed, "arrived": course.arrived, "curve": course.curve, "settings": made_with}
             with asked.rows.open("a") as file:
                 file.write(json.dumps(row) + "\n")
     found = summary(kept(asked.rows))
