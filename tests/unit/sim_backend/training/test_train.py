@@ -169,6 +169,30 @@ def test_ctrl_c_leaves_a_checkpoint_to_go_on_from(tmp_path):
     assert not (folder / "tiny.safetensors").exists()
 
 
+@pytest.mark.parametrize("ends", ["stopped", "minutes"])
+def test_samples_of_a_checkpoint_are_those_that_were_learned_from(tmp_path, ends):
+    """Four updates for each iteration of 200 samples, whenever it is kept; the run ends within its third iteration."""
+    run = Run("mine", recipe(samples=10_000, checkpoint_minutes=1e-9, minutes=1e6), tmp_path, threads=1, tell=lambda _: None)
+    told, kept = run.randomizer.told, []
+
+    def end(robots, success):
+        told(robots, success)
+        if run.iterations == 2 and ends == "stopped":
+            run.stop()
+        elif run.iterations == 2:
+            run.seconds = 1e9
+
+    def keep():
+        Run.keep(run)
+        state = torch.load(tmp_path / "checkpoint.pt", weights_only=True)
+        kept.append((state["run"][0], state["samples"], int(state["optimizer"]["state"][0]["step"])))
+
+    run.randomizer.told, run.keep = end, keep
+    run.learn()
+    run.keep()
+    assert kept == [(1, 200, 4), (2, 400, 8), (2, 400, 8)]
+
+
 def test_levels_follow_each_other_as_trials_succeed(tmp_path):
     levels = [{"task": "push", "until": 0.5}, {"task": "floor_pose", "until": 1.0}]
     run = Run("levels", recipe(layout="move", task="lift", curriculum=levels), tmp_path, threads=1, tell=lambda _: None)
