@@ -1,7 +1,8 @@
 """Workers on Ray, which is imported here and nowhere else: actors that Ray puts wherever a node has a core for them.
 
 Ray's ports run the code of whoever reaches them. What is begun here listens on loopback only; addresses elsewhere are joined
-only where Ray's token authentication is on (``RAY_AUTH_MODE=token``). Usage statistics are never sent.
+only where Ray's token authentication is on at this side (``RAY_AUTH_MODE=token``). Whether it is on there, too, is not seen from
+here: a Ray without it takes whoever sends a token as well. Usage statistics are never sent.
 """
 
 import ipaddress
@@ -202,7 +203,7 @@ def is_loopback(address: str) -> bool:
 
 
 def status(address: str) -> dict[str, Any]:
-    """What a cluster is made of: nodes, cores, memory of its store, and whether it asks for a token.
+    """What a cluster is made of: nodes, cores, memory of its store; and whether a token goes to it, which it need not ask for.
 
     Raises:
         WorkersError: as for :func:`connected`.
@@ -225,7 +226,7 @@ def status(address: str) -> dict[str, Any]:
     return {
         "address": address,
         "ray": ray.__version__,
-        "token": os.environ[_TOKEN] == "token",
+        "sends_token": os.environ[_TOKEN] == "token",
         "nodes": nodes,
         "cpus": sum(node["cpus"] for node in alive),
         "free_cpus": free,
