@@ -9,9 +9,10 @@ import secrets
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
-from sim_backend.workers.cluster import status
+from sim_backend.workers.cluster import size_of, status
 from sim_backend.workers.pool import WorkersError, open_workers
 from tests.unit.sim_backend.workers.works import EndsOnce, Square
 
@@ -33,6 +34,11 @@ def test_ray_gives_the_same_results_and_replaces_lost_workers(tmp_path):
     with open_workers(functools.partial(EndsOnce, str(tmp_path)), 1, "local") as workers:
         assert list(workers.map(range(4))) == [0, 1, 2, 3]
         assert sorted(workers.lost) == [0, 3]
+
+
+def test_arrays_are_counted_as_they_are_sent():
+    values = {"row": np.zeros((1000, 50), np.float32), "part": np.zeros((100, 100))[::2, ::3], "word": "lift"}
+    assert len(pickle.dumps(values, protocol=5)) == pytest.approx(size_of(values), rel=0.01)
 
 
 @needs_ray
