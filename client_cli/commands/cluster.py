@@ -27,7 +27,7 @@ def status(
     *,
     as_json: JsonOption = False,
 ) -> None:
-    """Show the nodes and cores of a Ray cluster, and whether it asks for a token."""
+    """Show the nodes and cores of a Ray cluster."""
     command = module_command(WORKERS, address, *(["--json"] if as_json else []))
     code = run_to_end(command, "'cluster status' has been stopped")
     if code not in ENDS:

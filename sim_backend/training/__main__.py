@@ -76,6 +76,8 @@ def _train(run, options: argparse.Namespace, tell: Callable[[str], None]) -> int
     try:
         run.learn()
     except WorkersError as error:
+        if run.samples:
+            run.keep()  # what was under way was not learned from
         return _problem(str(error), OTHER)
     finally:
         signal.signal(signal.SIGINT, before)

@@ -7,7 +7,7 @@ from typing import Any, Protocol
 
 from sim_backend.tasks import TASKS
 from sim_backend.training.export import ExportedPolicy, write_policy
-from sim_backend.training.trying import Tried, try_policy
+from sim_backend.training.trying import Tried, robots_of, try_policy
 
 EVALUATION_SEED, FINAL_SEED = 10_000_000, 20_000_000
 """First seeds of the goals of evaluations; training draws its own from 2**53."""
@@ -32,6 +32,19 @@ class Learning(Protocol):
     def record(self) -> dict:
         """What the run has done so far."""
         ...
+
+
+def check_robots(recipe: Any) -> None:
+    """Look up the robots of all evaluations before anything is learned: the first one is millions of samples away.
+
+    Raises:
+        ValueError: some ``evaluation.physics`` is no preset, file or parameter; the message says which.
+    """
+    for physics in recipe.evaluation.physics:
+        try:
+            robots_of(physics, 1, 0)
+        except ValueError as error:
+            raise ValueError(f"evaluation.physics {physics!r}: {error}") from error
 
 
 def evaluate(run: Learning, samples: int) -> list[Tried]:

@@ -25,6 +25,7 @@ class Watch(BaseCallback):
         self._run = run
         self._begun_s = self._told_s = self._kept_s = self._counted_s = time.monotonic()
         self._samples_before: int | None = None
+        self._learned_from = run.model.num_timesteps  # samples that updates have used
         self._successes: list[bool] = []
         self._returns: list[float] = []
         self._recent: list[bool] = []
@@ -38,14 +39,15 @@ class Watch(BaseCallback):
         if self._samples_before is None:
             self._samples_before = run.model.num_timesteps
         elif run.slices is None:
-            self._learn_scaling()
+            self.updated()
+        self._learned_from = run.model.num_timesteps
 
     def _learn_scaling(self) -> None:
         if not self._run.knows_inputs:
             self._run.policy.features_extractor.learn_scaling(_seen(self._observations))
 
     def updated(self) -> None:
-        """After the updates of an iteration of slices: whatever is kept now has no sample twice and none too few."""
+        """After the updates of an iteration: whatever is kept now has no sample twice and none too few."""
         self._learn_scaling()
         self._keep(time.monotonic())
 
@@ -63,7 +65,10 @@ class Watch(BaseCallback):
             self._returns += [self.locals["infos"][robot]["episode"]["r"] for robot in ended.robots]
             run.randomizer.told(ended.robots, success)
         minutes = run.recipe.minutes
-        return not run.stopped and (minutes is None or run.seconds < 60 * minutes)
+        goes_on = not run.stopped and (minutes is None or run.seconds < 60 * minutes)
+        if not goes_on:
+            run.model.num_timesteps = self._learned_from  # nobody learns from what was seen of this iteration
+        return goes_on
 
     def _on_rollout_end(self) -> None:
         run, now = self._run, time.monotonic()
@@ -75,8 +80,6 @@ class Watch(BaseCallback):
         self._go_up()
         if now - self._told_s >= evaluating.TELL_EVERY_S or run.model.num_timesteps >= run.recipe.samples:
             self._tell(now)
-        if run.slices is None:
-            self._keep(now)
 
     def _keep(self, now: float) -> None:
         if now - self._kept_s >= 60 * self._run.recipe.checkpoint_minutes:

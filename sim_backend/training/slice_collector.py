@@ -95,7 +95,6 @@ class SliceCollector(AbstractContextManager["SliceCollector"]):
         for rollout in rollouts:
             for name, values in (rollout.columns or {}).items():
                 columns[name][:, rollout.slice * robots : (rollout.slice + 1) * robots] = values
-                moved += values.nbytes
         self.states = [rollout.state for rollout in rollouts]
         return Collected(columns, rollouts, lost, time.perf_counter() - begun_s, moved)
 

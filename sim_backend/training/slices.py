@@ -31,7 +31,8 @@ class Slices(AbstractContextManager["Slices"]):
 
     With ``ppo.lag`` of 1 workers roll an iteration out while the learner is busy with the one before, so that its networks are
     those before the last updates. The present policy's log-probabilities and the present critic's values then take the place of
-    what workers wrote, and advantages are weighted (:func:`~sim_backend.training.returns.advantages_by_importance`).
+    what workers wrote, and advantages are weighted (:func:`~sim_backend.training.returns.advantages_by_importance`). What follows
+    an iteration's last step, or a trial that only time ended, stays valued by the older critic: it was seen by workers only.
 
     Args:
         run: that learns.
@@ -50,7 +51,7 @@ class Slices(AbstractContextManager["Slices"]):
         self._seconds = {"waiting": 0.0, "learning": 0.0, "rolling out": 0.0}
         self._moved_bytes = self._lost = self._samples = self._behind = 0
         self._weights = [0.0, 0]  # sum of the importance weights before they are limited, and how many were limited
-        self._older: Weights | None = None  # that a checkpoint brought, of rollouts that were under way
+        self._older: Weights | None = None  # by which the next iteration is rolled out, if it is not under way
         self.watch: Watch | None = None
 
     def __enter__(self) -> "Slices":
@@ -74,10 +75,17 @@ class Slices(AbstractContextManager["Slices"]):
         self.collector.states = [None] * self._recipe.ppo.slices
 
     def ahead(self) -> None:
-        """Before an iteration's updates: let workers begin with the next, if they may be behind and the run goes on."""
+        """Before an iteration's updates: let workers begin with the next, if they may be behind.
+
+        At the end of a run, or of this start of it, only the networks are kept: whoever goes on rolls out by them.
+        """
         run = self.run
-        if self._recipe.ppo.lag and run.samples < self._recipe.samples and not run.stopped:
+        if not self._recipe.ppo.lag:
+            return
+        if run.samples < self._recipe.samples and not run.stopped:
             self._start(self._networks())
+        else:
+            self._older = self._networks()
 
     def _start(self, weights: Weights) -> None:
         self._ledger.write("asked", self.run.iterations, self._samples_of_iteration)
@@ -209,7 +217,7 @@ class Slices(AbstractContextManager["Slices"]):
             self.run.returns.running,
             self._seconds,
             [self._moved_bytes, self._lost, self._samples, self._behind, *self._weights],
-            self.collector.under_way[1] if self.collector.under_way else None,
+            self.collector.under_way[1] if self.collector.under_way else self._older,
         ]
         return {"slices": self._recipe.ppo.slices, "own": _tensors(own)}
 

@@ -59,6 +59,7 @@ class Run:
 
     def __post_init__(self) -> None:
         recipe = self.recipe
+        evaluating.check_robots(recipe)
         torch.manual_seed(recipe.seed)
         torch.set_num_threads(self.threads)
         self.randomizer: Randomizer = randomizer_of(recipe)

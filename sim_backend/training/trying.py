@@ -15,8 +15,10 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from statistics import NormalDist
+from typing import TYPE_CHECKING
 
 import numpy as np
+from safetensors import SafetensorError
 
 from api_schemas.builtin_policies import builtin_manifest
 from api_schemas.policy import PolicyManifest
@@ -28,6 +30,9 @@ from sim_backend.grasping.controller import GraspPolicy
 from sim_backend.tasks import TASKS
 from sim_backend.tasks.task import Task
 from sim_backend.trifinger import constants as c
+
+if TYPE_CHECKING:
+    from sim_backend.training.export import ExportedPolicy
 
 LESS_FRICTION = "fingertip_friction.coefficient=0.5,table_friction.coefficient=0.5"
 """Half the nominal friction in all contacts of the cube."""
@@ -93,14 +98,11 @@ def difference(first: np.ndarray, second: np.ndarray) -> dict:
 
 def compare(policies: Sequence[Path], task: str, seeds: range, kinds: Sequence[str], threads: int) -> dict:
     """Every policy on every kind of robot, as JSON has it; of two policies also the difference."""
-    from sim_backend.training.export import read_policy
-
     found: dict = {"task": task, "tried": [], "differences": []}
     for physics in kinds:
         outcomes = []
         for path in policies:
-            builtin = builtin_manifest(str(path))
-            policy = read_policy(path) if builtin is None else GraspPolicy(builtin)
+            policy = _read(path)
             tried, success = try_policy(policy, policy.manifest, TASKS[task], seeds, physics, threads=threads)
             found["tried"].append({"policy": path.name} | tried.document())
             outcomes.append(success)
@@ -108,6 +110,34 @@ def compare(policies: Sequence[Path], task: str, seeds: range, kinds: Sequence[s
             names = {"physics": physics, "policy": policies[0].name, "against": policies[1].name}
             found["differences"].append(names | difference(*outcomes))
     return found
+
+
+def _read(path: Path) -> "ExportedPolicy | GraspPolicy":
+    """A policy's file, or a controller by its name."""
+    from sim_backend.training.export import read_policy
+
+    builtin = builtin_manifest(str(path))
+    return read_policy(path) if builtin is None else GraspPolicy(builtin)
+
+
+def _check(given: argparse.Namespace) -> None:
+    """See that all can be tried, before anything is.
+
+    Raises:
+        ValueError: what cannot; the message says why.
+    """
+    least = 2 if given.against else 1
+    if given.trials < least:
+        raise ValueError(f"--trials is {given.trials}; ask for at least {least}{', since differences vary' * (least - 1)}")
+    if given.out and not given.out.parent.is_dir():
+        raise ValueError(f"there is no folder {given.out.parent} for --out; make it first")
+    for physics in given.physics:
+        robots_of(physics, 1, 0)
+    for path in filter(None, (given.policy, given.against)):
+        try:
+            _read(path)
+        except SafetensorError as error:
+            raise ValueError(f"{path} is not a safetensors file: {error}") from error
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -122,6 +152,10 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--threads", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--out", type=Path)
     given = parser.parse_args(arguments)
+    try:
+        _check(given)
+    except ValueError as error:
+        parser.error(str(error))
     seeds = range(given.first_seed, given.first_seed + given.trials)
     policies = [given.policy, *([given.against] if given.against else [])]
     text = json.dumps(compare(policies, given.task, seeds, given.physics, given.threads), indent=2)

@@ -23,7 +23,7 @@ def main(arguments: list[str] | None = None) -> int:
         print(json.dumps(found, indent=2))
         return 0
     alive = sum(node["alive"] for node in found["nodes"])
-    token = "asks for a token" if found["token"] else "lets in whoever reaches it"
+    token = "this side sends a token" if found["sends_token"] else "this side sends no token"
     cores = f"{found['free_cpus']:g} of {found['cpus']:g} cores free"
     print(f"Ray {found['ray']} at {found['address']}, {token}: {alive} nodes, {cores}")
     for node in found["nodes"]:

@@ -1,12 +1,14 @@
 """Workers on Ray, which is imported here and nowhere else: actors that Ray puts wherever a node has a core for them.
 
 Ray's ports run the code of whoever reaches them. What is begun here listens on loopback only; addresses elsewhere are joined
-only where Ray's token authentication is on (``RAY_AUTH_MODE=token``). Usage statistics are never sent.
+only where Ray's token authentication is on at this side (``RAY_AUTH_MODE=token``). Whether it is on there, too, is not seen from
+here: a Ray without it takes whoever sends a token as well. Usage statistics are never sent.
 """
 
 import ipaddress
 import logging
 import os
+import pickle
 from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager
 from typing import Any
@@ -20,66 +22,136 @@ _LOOPBACK = {"RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0"}
 """Ray's own switch for nodes that have only 127.0.0.1; without it 127.0.0.1 is replaced by the machine's address."""
 _TOKEN = "RAY_AUTH_MODE"  # noqa: S105 - the name of a setting
 OBJECT_STORE_BYTES = 512 * 2**20
+PLACED_WITHIN_S = 180.0
+"""Where no worker has begun for so long none will: on a busy machine one took more than 30 s (decision 43)."""
 
 
 class RayWorkers(AbstractContextManager[Workers]):
     """Owner of the actors and, for ``"local"``, of the Ray that runs them.
 
+    Actors that Ray cannot place yet have no items: those that have begun do the work meanwhile, however few they are.
+
     Args:
         make: makes the work in each of them.
         count: of the actors, each with one core.
         address: ``"local"``, or HOST:PORT of a Ray that runs.
+
+    Raises:
+        WorkersError: as for :func:`connected`, or the Ray has fewer cores than that.
     """
 
     def __init__(self, make: MakeWork, count: int, address: str) -> None:
         self.count, self.moved_bytes = count, 0
         self.lost: list[int] = []
         self._ray = connected(address, cpus=count)
+        if (cores := self._cores()) < count:
+            self._ray.shutdown()
+            raise WorkersError(
+                f"{count} workers were asked for, which need a core each, and the Ray at {address} has {cores}: ask for "
+                f"fewer, or add nodes (docs/cluster.md)"
+            )
         self._actor = self._ray.remote(num_cpus=1, max_restarts=0, max_task_retries=0)(_Actor)
         self._make = make
-        self._actors = [self._actor.remote(make) for _ in range(count)]
-        self._began = [actor.pid.remote() for actor in self._actors]
+        self._actors: dict[int, Any] = {}
+        self._begins: dict[Any, int] = {}  # those of which nothing was heard yet, by what will be heard first
+        self._node_of: dict[int, str] = {}  # those that have begun
+        for number in range(count):
+            self._begin(number)
+
+    def _cores(self) -> int:
+        """How many workers there is room for, whoever has the cores now."""
+        return sum(int(node["Resources"].get("CPU", 0.0)) for node in self._ray.nodes() if node["Alive"])
+
+    def _begin(self, number: int) -> None:
+        """Ask Ray for an actor, in place of the one that had the number before."""
+        self._node_of.pop(number, None)
+        self._actors[number] = self._actor.remote(self._make)
+        self._begins[self._actors[number].node.remote()] = number
 
     def map(self, items: Iterable[Any], shared: Any = None) -> Iterator[Any]:
-        """As :meth:`Workers.map`; ``shared`` is put into the store once."""
+        """As :meth:`Workers.map`; ``shared`` is put into the store once, and goes to each node once.
+
+        Raises:
+            WorkersError: as there, or no actor could be placed for ``PLACED_WITHIN_S`` while none had work.
+        """
         ray, items, self.lost = self._ray, list(items), []
-        places, kept = Places(items, self.count, self.lost), ray.put(shared)
+        places, kept = Places(items, self.count, self.lost), _Shared(ray, shared)
         under_way: dict[Any, tuple[int, int]] = {}
         found: dict[int, Any] = {}
-        free = list(range(self.count))
         for place in range(len(items)):
             while place not in found:
-                for number in list(free):
+                busy = {number for number, _ in under_way.values()}
+                for number in sorted(self._node_of.keys() - busy):
                     if (following := places.next_of(number)) is not None:
-                        free.remove(number)
-                        under_way[self._actors[number].do.remote(items[following], kept)] = number, following
-                ready, _ = ray.wait(list(under_way), num_returns=1)
-                number, done = under_way.pop(ready[0])
-                free.append(number)
+                        under_way[self._give(number, items[following], kept)] = number, following
+                answer = self._next_answer(list(under_way))
+                if answer in self._begins:
+                    self._has_begun(answer, places)
+                    continue
+                number, done = under_way.pop(answer)
                 try:
-                    found[done] = ray.get(ready[0])
-                    places.came()
+                    result = ray.get(answer)
                 except (ray.exceptions.RayActorError, ray.exceptions.ObjectLostError):
-                    places.again(number, done, begun=self._replace(number))
+                    self._begin(number)
+                    places.again(number, done, begun=True)
+                else:
+                    places.came()
+                    self.moved_bytes += size_of(result)
+                    found[done] = result
             yield found.pop(place)
 
-    def _replace(self, number: int) -> bool:
-        """Begin another actor in place of one that ended; whether that one had begun to work."""
-        ray, answer = self._ray, self._began[number]
-        begun = bool(ray.wait([answer], timeout=0.0)[0])
+    def _give(self, number: int, item: Any, shared: "_Shared") -> Any:
+        """Hand an item to an actor; what its result will be known by."""
+        self.moved_bytes += size_of(item) + shared.bytes_to(self._node_of[number])
+        return self._actors[number].do.remote(item, shared.kept)
+
+    def _next_answer(self, under_way: list[Any]) -> Any:
+        """What comes first: a result, or the first word of an actor."""
+        limit_s = None if under_way else PLACED_WITHIN_S
+        ready, _ = self._ray.wait([*under_way, *self._begins], num_returns=1, timeout=limit_s)
+        if not ready:
+            free = self._ray.available_resources().get("CPU", 0.0)
+            raise WorkersError(
+                f"Ray could place none of the {self.count} workers for {PLACED_WITHIN_S:g} s: of {self._cores()} cores {free:g} "
+                "are free; add nodes, or end what has the cores (trifarm cluster status)"
+            )
+        return ready[0]
+
+    def _has_begun(self, answer: Any, places: Places) -> None:
+        """An actor said its first word, or ended before."""
+        number = self._begins.pop(answer)
         try:
-            ray.get(answer, timeout=0.0)
-        except (ray.exceptions.RayActorError, ray.exceptions.ObjectLostError, ray.exceptions.GetTimeoutError):
-            begun = False
-        self._actors[number] = self._actor.remote(self._make)
-        self._began[number] = self._actors[number].pid.remote()
-        return begun
+            self._node_of[number] = self._ray.get(answer)
+        except (self._ray.exceptions.RayActorError, self._ray.exceptions.ObjectLostError):
+            self._begin(number)
+            places.not_begun()
 
     def __exit__(self, *_: object) -> None:
         """End the actors, and the Ray that was begun for them."""
-        for actor in self._actors:
+        for actor in self._actors.values():
             self._ray.kill(actor)
         self._ray.shutdown()
+
+
+class _Shared:
+    """What all items of a call share, in Ray's store. Owner of which nodes have it already."""
+
+    def __init__(self, ray: Any, value: Any) -> None:
+        self.kept = ray.put(value)
+        self._bytes, self._nodes = size_of(value), set[str]()
+
+    def bytes_to(self, node: str) -> int:
+        """That go to a node now, where it stays for all who are there."""
+        fresh = node not in self._nodes
+        self._nodes.add(node)
+        return self._bytes if fresh else 0
+
+
+def size_of(value: Any) -> int:
+    """Bytes that a value is when it is sent, its arrays counted where they lie and not copied."""
+    arrays: list[pickle.PickleBuffer] = []
+    rest = pickle.dumps(value, protocol=5, buffer_callback=arrays.append)
+    return len(rest) + sum(array.raw().nbytes for array in arrays)
 
 
 class _Actor:
@@ -92,9 +164,11 @@ class _Actor:
         """The result of one item."""
         return self._work(item, shared)
 
-    def pid(self) -> int:
-        """Of the actor's process."""
-        return os.getpid()
+    def node(self) -> str:
+        """Where it is."""
+        import ray
+
+        return ray.get_runtime_context().get_node_id()
 
 
 def connected(address: str, cpus: int = 0) -> Any:
@@ -135,7 +209,7 @@ def is_loopback(address: str) -> bool:
 
 
 def status(address: str) -> dict[str, Any]:
-    """What a cluster is made of: nodes, cores, memory of its store, and whether it asks for a token.
+    """What a cluster is made of: nodes, cores, memory of its store; and whether a token goes to it, which it need not ask for.
 
     Raises:
         WorkersError: as for :func:`connected`.
@@ -158,7 +232,7 @@ def status(address: str) -> dict[str, Any]:
     return {
         "address": address,
         "ray": ray.__version__,
-        "token": os.environ[_TOKEN] == "token",
+        "sends_token": os.environ[_TOKEN] == "token",
         "nodes": nodes,
         "cpus": sum(node["cpus"] for node in alive),
         "free_cpus": free,

@@ -62,7 +62,7 @@ def open_workers(make: MakeWork, count: int = 0, cluster: str | None = None) -> 
             ``with``; or the address of a Ray that runs (``docs/cluster.md``).
 
     Raises:
-        WorkersError: Ray is not installed or cannot be reached.
+        WorkersError: Ray is not installed, cannot be reached, or has fewer cores than workers were asked for.
     """
     if cluster is not None:
         from sim_backend.workers.cluster import RayWorkers
@@ -123,10 +123,21 @@ class Places:
             WorkersError: it ended too many workers, or too many ended before they began.
         """
         self._lost.append(place)
-        self._ended[place] += begun
-        self._failed_starts = 0 if begun else self._failed_starts + 1
+        self._waiting[worker].insert(0, place)
+        if not begun:
+            self.not_begun()
+            return
+        self._failed_starts = 0
+        self._ended[place] += 1
         if self._ended[place] >= MOST_LOSSES:
             raise WorkersError(f"item {place} ended {MOST_LOSSES} workers, one after the other; look at what it does to them")
+
+    def not_begun(self) -> None:
+        """Of a worker that ended before it began.
+
+        Raises:
+            WorkersError: too many did, one after the other.
+        """
+        self._failed_starts += 1
         if self._failed_starts >= MOST_LOSSES:
             raise WorkersError(f"{MOST_LOSSES} workers in a row ended before they began; see that memory is enough for so many")
-        self._waiting[worker].insert(0, place)

@@ -81,6 +81,7 @@ LARGER = {
     "two_homes": ["--trials 1 --jobs 1 --out {to}/homes.json"],
     "two_hosts": ["--trials 1 --robots 1 --out {to}/hosts.json"],
     "update_farm": [f"{ROOT} --python {sys.executable} --homes embedded --out {{to}}/update.json"],
+    "update_cost": ["--iterations 1 --robots 16 --out {to}/update.json"],
     "watching_cost": ["--pairs 1 --out {to}/watching.json"],
     "workers_cost": ["--robots 16 --slices 2 --steps 2 --rounds 1 --without-ray --out {to}/workers.json"],
     "wrong_layouts": ["--experts {experts} --most 1 --out {to}/wrong.json"],
@@ -101,7 +102,13 @@ ELSEWHERE = {
 """Who starts the other programs."""
 
 
-NEEDS = {"killed_workers": ("ray", "torch"), "learning_rate": ("torch",), "peer_ppo": ("rsl_rl",), "workers_cost": ("torch",)}
+NEEDS = {
+    "killed_workers": ("ray", "torch"),
+    "learning_rate": ("torch",),
+    "peer_ppo": ("rsl_rl",),
+    "update_cost": ("torch",),
+    "workers_cost": ("torch",),
+}
 """Of the optional packages."""
 
 

@@ -50,6 +50,7 @@ class ImitationRun:
     settings_before: list[dict] = field(default_factory=list)  # of earlier starts, where the recipe was another one
 
     def __post_init__(self) -> None:
+        evaluating.check_robots(self.recipe)
         torch.manual_seed(self.recipe.seed)
         torch.set_num_threads(self.threads)
         practice = practice_of_recipe(self.recipe)

@@ -87,6 +87,14 @@ def distance(policy, expert: Path) -> float:
     return float(np.mean(apart))
 
 
+def test_robots_of_evaluations_that_do_not_exist_are_said_at_once(tmp_path, expert):
+    recipe = imitation(expert, evaluation=EVALUATION | {"physics": ["cube_mass.factor=1.2", "cube_mass.factor=heavy"]})
+    with pytest.raises(
+        ValueError, match=r"^evaluation\.physics 'cube_mass\.factor=heavy': could not convert string to float: 'heavy'"
+    ):
+        ImitationRun("mine", recipe, tmp_path, threads=1, tell=quiet)
+
+
 @pytest.mark.parametrize("cell", [None, "gru", "lstm"])
 def test_dagger_comes_closer_to_its_teacher_and_is_exported(tmp_path, expert, cell):
     recipe = imitation(expert, student={"hidden": [32], "cell": cell, "cells": 24})

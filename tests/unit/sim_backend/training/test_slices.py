@@ -163,6 +163,45 @@ def test_rollouts_that_run_ahead_of_updates_are_the_same_bits_for_any_number_of_
     assert account(folder).adds_up and account(folder).dropped == {LEARNER_ENDED: SAMPLES}, "what was under way"
 
 
+def test_a_run_ahead_that_is_stopped_goes_on_one_update_behind_with_the_same_bits(tmp_path, monkeypatch, behind):
+    """Stopped while it rolls out, so that nothing is under way; and again before it has gone on; and by its samples."""
+
+    def went_on(workers: int) -> Run:
+        run = Run("mine", recipe(**BEHIND), folder, threads=1, workers=workers, tell=lambda _: None)
+        run.go_on()
+        return run
+
+    folder = tmp_path / "stopped"
+    folder.mkdir()
+    run = Run("mine", recipe(**BEHIND), folder, threads=1, workers=1, tell=lambda _: None)
+    collect = run.slices.collect
+
+    def collect_then_stop(buffer):
+        collect(buffer)
+        if run.iterations == 1:
+            run.stop()
+
+    monkeypatch.setattr(run.slices, "collect", collect_then_stop)
+    run.learn()
+    run.keep()
+    assert run.samples == 2 * SAMPLES
+    at_once = went_on(0)
+    at_once.stop()
+    at_once.learn()
+    at_once.keep()
+    last = went_on(2)
+    last.learn()
+    np.testing.assert_array_equal(weights(last), weights(behind))
+    assert account(folder).adds_up and account(folder).dropped == {}, "nothing was under way"
+    assert last.record()["workers"]["lag_updates"] == 0.75
+
+    folder = tmp_path / "shorter"
+    learned(folder, 0, samples=2 * SAMPLES, **BEHIND).keep()
+    longer = went_on(0)
+    longer.learn()
+    np.testing.assert_array_equal(weights(longer), weights(behind))
+
+
 def test_a_worker_that_is_killed_while_rollouts_run_ahead_changes_no_bit(tmp_path, monkeypatch, behind):
     folder = tmp_path / "killed"
     folder.mkdir()

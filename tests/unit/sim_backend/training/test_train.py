@@ -19,10 +19,13 @@ from sim_backend.layouts import layout_of  # noqa: E402
 from sim_backend.training.__main__ import document, main  # noqa: E402
 from sim_backend.training.actor_critic import difference_matrix  # noqa: E402
 from sim_backend.training.export import read_policy, write_policy  # noqa: E402
+from sim_backend.training.ledger import account  # noqa: E402
 from sim_backend.training.progress import Watch  # noqa: E402
 from sim_backend.training.recipe import Recipe  # noqa: E402
+from sim_backend.training.slices import Slices  # noqa: E402
 from sim_backend.training.train import Run  # noqa: E402
 from sim_backend.trifinger.constants import CUBE_RADIUS_M  # noqa: E402
+from sim_backend.workers.pool import WorkersError  # noqa: E402
 from tests.cli_pages import SECTIONS, names_after  # noqa: E402
 
 pytestmark = pytest.mark.filterwarnings("default")  # torch's own
@@ -150,6 +153,39 @@ def test_a_run_is_not_gone_on_with_by_another_recipe(tmp_path, capsys):
     assert main([*arguments, "--resume"]) == 0, "how long it takes and how it is tried may change"
 
 
+def test_robots_of_evaluations_that_do_not_exist_are_said_at_once(tmp_path, capsys):
+    path = tmp_path / "tiny.toml"
+    path.write_text(TINY.format(samples=400).replace('["nominal", "mild"]', '["nominal", "nominl"]'))
+    assert main([str(path), "--out", str(tmp_path / "run"), "--threads", "1"]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("error: recipe tiny: evaluation.physics 'nominl': no physics 'nominl'; choose from nominal, mild")
+
+
+def test_a_run_whose_workers_cannot_be_had_any_more_keeps_what_it_has_learned(tmp_path, capsys, monkeypatch):
+    path, folder = tmp_path / "tiny.toml", tmp_path / "run"
+    path.write_text(TINY.format(samples=800).replace("steps = 8", "steps = 8\nslices = 5"))
+    collect = Slices.collect
+
+    def collect_for_a_while(self, buffer):
+        if self.run.iterations == fails_at:
+            raise WorkersError("no worker can be had")
+        collect(self, buffer)
+
+    monkeypatch.setattr(Slices, "collect", collect_for_a_while)
+    arguments = [str(path), "--out", str(folder), "--threads", "1", "--workers", "0"]
+    fails_at = 0
+    assert main(arguments) == 1
+    assert not (folder / "checkpoint.pt").exists(), "nothing was learned, and the command may be given again as it was"
+    fails_at = 2
+    assert main(arguments) == 1
+    assert capsys.readouterr().err.endswith("error: no worker can be had\n")
+    assert torch.load(folder / "checkpoint.pt", weights_only=True)["samples"] == 400
+    fails_at = 99
+    assert main([*arguments, "--resume"]) == 0
+    found = account(folder)
+    assert found.adds_up and found.used == 800
+
+
 def press_ctrl_c_while_it_trains(before) -> None:
     while signal.getsignal(signal.SIGINT) is before:
         time.sleep(0.01)
@@ -167,6 +203,30 @@ def test_ctrl_c_leaves_a_checkpoint_to_go_on_from(tmp_path):
     state = torch.load(folder / "checkpoint.pt", weights_only=True)
     assert state["samples"] < 10_000_000
     assert not (folder / "tiny.safetensors").exists()
+
+
+@pytest.mark.parametrize("ends", ["stopped", "minutes"])
+def test_samples_of_a_checkpoint_are_those_that_were_learned_from(tmp_path, ends):
+    """Four updates for each iteration of 200 samples, whenever it is kept; the run ends within its third iteration."""
+    run = Run("mine", recipe(samples=10_000, checkpoint_minutes=1e-9, minutes=1e6), tmp_path, threads=1, tell=lambda _: None)
+    told, kept = run.randomizer.told, []
+
+    def end(robots, success):
+        told(robots, success)
+        if run.iterations == 2 and ends == "stopped":
+            run.stop()
+        elif run.iterations == 2:
+            run.seconds = 1e9
+
+    def keep():
+        Run.keep(run)
+        state = torch.load(tmp_path / "checkpoint.pt", weights_only=True)
+        kept.append((state["run"][0], state["samples"], int(state["optimizer"]["state"][0]["step"])))
+
+    run.randomizer.told, run.keep = end, keep
+    run.learn()
+    run.keep()
+    assert kept == [(1, 200, 4), (2, 400, 8), (2, 400, 8)]
 
 
 def test_levels_follow_each_other_as_trials_succeed(tmp_path):

@@ -48,3 +48,24 @@ def test_the_command_tries_two_policies_on_the_same_goals(tmp_path, capsys):
     assert json.loads(capsys.readouterr().out) == found
     assert [(each["policy"], each["trials"]) for each in found["tried"]] == [("one.safetensors", 2), ("two.safetensors", 2)]
     assert found["differences"][0]["trials"] == 2
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (["MISSING.safetensors"], "there is no policy MISSING.safetensors; name the safetensors file of one"),
+        (["builtin:grasp", "--trials", "0"], "--trials is 0; ask for at least 1"),
+        (["builtin:grasp", "--against", "builtin:grasp-turn", "--trials", "1"], "--trials is 1; ask for at least 2"),
+        (["builtin:grasp", "--physics", "nominl"], "no physics 'nominl'; choose from nominal, mild"),
+        (["builtin:grasp", "--out", "nowhere/tried.json"], "there is no folder nowhere for --out"),
+        (["broken.safetensors"], "broken.safetensors is not a safetensors file"),
+    ],
+)
+def test_what_cannot_be_tried_is_said_before_anything_is(tmp_path, monkeypatch, capsys, given, said):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "broken.safetensors").write_bytes(b"no weights")
+    (tmp_path / "broken.json").write_text(layout_of("push").model_dump_json())
+    with pytest.raises(SystemExit) as ended:
+        trying.main([*given, "--task", "push"])
+    assert ended.value.code == 2
+    assert f"error: {said}" in capsys.readouterr().err

@@ -9,7 +9,7 @@ from tests.cli_pages import SECTIONS, names_after
 FOUND = {
     "address": "127.0.0.1:6379",
     "ray": "2.60.0",
-    "token": True,
+    "sends_token": True,
     "nodes": [{"address": "127.0.0.1", "alive": True, "cpus": 2.0, "object_store_bytes": 1.0}],
     "cpus": 2.0,
     "free_cpus": 1.0,
@@ -19,7 +19,7 @@ FOUND = {
 def test_nodes_and_cores_are_shown(monkeypatch, capsys):
     monkeypatch.setattr(command, "status", lambda _: FOUND)
     assert command.main(["127.0.0.1:6379"]) == 0
-    assert "asks for a token: 1 nodes, 1 of 2 cores free" in capsys.readouterr().out
+    assert "127.0.0.1:6379, this side sends a token: 1 nodes, 1 of 2 cores free" in capsys.readouterr().out
     assert command.main(["127.0.0.1:6379", "--json"]) == 0
     assert list(json.loads(capsys.readouterr().out)) == names_after("JSON keys", SECTIONS["cluster status"])
 

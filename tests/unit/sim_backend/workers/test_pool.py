@@ -8,7 +8,7 @@ import pytest
 
 from sim_backend.workers import pool
 from sim_backend.workers.cluster import connected, is_loopback
-from sim_backend.workers.pool import WorkersError, open_workers
+from sim_backend.workers.pool import Places, WorkersError, open_workers
 from tests.unit.sim_backend.workers.works import BeginsEachThirdTime, EndsOnce, NeverBegins, Square
 
 
@@ -52,6 +52,17 @@ def test_workers_that_end_before_they_begin_are_not_the_item_s_fault_but_do_not_
     assert len([*tmp_path.iterdir()]) in (15, 16), "each of the five came after two that had not begun, and perhaps one more"
     with pytest.raises(WorkersError, match="5 workers in a row ended before they began"):
         pool.map(NeverBegins, [1], workers=1)
+
+
+def test_workers_without_an_item_that_end_before_they_begin_do_not_go_on_for_ever_either():
+    places = Places([1], 1, [])
+    for _ in range(4):
+        places.not_begun()
+    places.came()
+    for _ in range(4):
+        places.not_begun()
+    with pytest.raises(WorkersError, match="5 workers in a row ended before they began"):
+        places.not_begun()
 
 
 def test_other_machines_are_reached_with_a_token_only(monkeypatch):

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import time
 from pathlib import Path
 
 
@@ -12,6 +13,14 @@ class Square:
         if item == "wrong":
             raise ValueError("not a number")
         return item * item + (shared or 0)
+
+
+class SlowSquare(Square):
+    """The same, half a second later."""
+
+    def __call__(self, item, shared=None):
+        time.sleep(0.5)
+        return super().__call__(item, shared)
 
 
 class EndsOnce:
