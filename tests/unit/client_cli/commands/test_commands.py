@@ -126,6 +126,12 @@ def test_jobs_can_be_filtered_and_paged(farm, trifarm):
     assert trifarm("jobs", "--state", "queued", "--json").document["jobs"] == []
 
 
+def test_the_command_for_the_next_page_asks_for_the_same_jobs(farm, trifarm):
+    state = farm.state.value
+    asked = trifarm("jobs", "--state", state, "--limit", "5", "--search", "reward")
+    assert asked.err == f"more: trifarm jobs --state {state} --limit 5 --search reward --cursor more\n"
+
+
 def test_status_tells_problems(farm, trifarm):
     text = trifarm("status").out
     assert "problem: robot-0 is lost" in text
