@@ -21,7 +21,7 @@ def test_options_are_arguments_and_commands_stay(detail, said):
 
 
 def test_an_error_stays_the_one_that_it_was():
-    with pytest.raises(UsageProblem, match="^give layout$") as raised, worded({}):
+    with pytest.raises(UsageProblem, match=r"^give layout$") as raised, worded({}):
         raise UsageProblem("give --layout")
     assert raised.value.detail == "give layout"
 
@@ -30,5 +30,5 @@ def test_a_study_names_its_arguments(tmp_path):
     """The folder of the results is a file."""
     (tmp_path / "out").write_text("")
     (tmp_path / "study.toml").write_text("")
-    with pytest.raises(trifarm.RecordingError, match="name another with out$"):
+    with pytest.raises(trifarm.RecordingError, match=r"name another with out$"):
         trifarm.study(tmp_path / "study.toml", tmp_path / "out")
