@@ -18,14 +18,16 @@ READING += [
     ["token", "revoke", "t1"],
 ]
 READING += [["token", "create", "--owner", "ann", "--scope", "submit"], ["fetch", JOB_ID, "--to", "unused"]]
+LOCAL = [["layouts"], ["layouts", "push"], ["effects"]]
 
 
 def name_of(command):
     return " ".join(command[:2])
 
 
-@pytest.mark.parametrize("command", READING[:-1], ids=name_of)
-def test_json_is_exactly_one_document(farm, trifarm, command):
+@pytest.mark.parametrize("command", READING[:-1] + LOCAL + [["fetch", JOB_ID, "--table", "t.csv"]], ids=name_of)
+def test_json_is_exactly_one_document(farm, trifarm, monkeypatch, tmp_path, command):
+    monkeypatch.chdir(tmp_path)
     ended = trifarm(*command, "--json")
     assert ended.code == 0
     assert isinstance(ended.document, dict)
