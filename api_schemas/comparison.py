@@ -142,7 +142,7 @@ def _task(reports: Sequence[Report]) -> TaskComparison:
     common = [seed for seed in of[0] if all(seed in rows for rows in of)]
     if not common:
         seeds = ", ".join(f"{report.job_id} has seed {report.seed}" for report in reports)
-        raise NotComparableError(f"the jobs have no goal in common ({seeds}); submit them with the same --seed")
+        raise NotComparableError(f"the jobs have no goal in common ({seeds}); submit them with the same seed")
     goals = tuple(
         GoalRow(
             seed=seed,

@@ -214,13 +214,31 @@ class JobPage(Schema):
     next_cursor: str | None = None
 
 
+class EventKind(StrEnum):
+    """What a line of a job's history is about."""
+
+    JOB_QUEUED = "job_queued"
+    JOB_RUNNING = "job_running"
+    JOB_CANCELLING = "job_cancelling"
+    JOB_QUEUED_AGAIN = "job_queued_again"
+    JOB_GAVE_UP = "job_gave_up"
+    """The end of a job that went on later; readers stop at ``job_ended``."""
+    JOB_ENDED = "job_ended"
+    TRIAL_LEASED = "trial_leased"
+    OFFER_DECLINED = "offer_declined"
+    TRIAL_RUNNING = "trial_running"
+    TRIAL_DONE = "trial_done"
+    TRIAL_CANCELLED = "trial_cancelled"
+    ATTEMPT_FAULTED = "attempt_faulted"
+
+
 class JobEvent(Schema):
     """One line of a job's history, as sent by server-sent events; ``id`` numbers the events and only grows."""
 
     id: int
     job_id: str
     at: str
-    kind: str  # job_queued, job_running, trial_leased, trial_running, trial_done, attempt_faulted, job_ended
+    kind: Annotated[EventKind | str, Field(union_mode="left_to_right", description="a newer farm may write others")]
     trial_ordinal: int | None = None
     robot: str | None = None
     text: str

@@ -254,7 +254,8 @@ LAYOUTS: dict[str, PolicyManifest] = {
         images=PolicyImages(),
     ),
 }
-"""Ready-made manifests by name; ``rrc2022-*`` are those of the published experts (facts/trifinger.md, section 0).
+"""Ready-made manifests by name; ``rrc2022-*`` are those of the published experts (Gürtler et al. 2023, arXiv
+2307.15690, and github.com/rr-learning/trifinger-rl-example).
 
 ``rrc2022-*-flat`` show the whole observation of the published datasets; their actions are N m as they are. ``reach``, ``push``,
 ``move`` and ``move-pose`` are what policies of the shipped recipes see, the fingertips, too: ``push`` is for goals without an

@@ -198,4 +198,4 @@ def _advice(verdicts: Counter[WhyVerdict], shares: tuple[GroupShare, ...], train
         return f"randomise {' and '.join(varied)} more in training"
     if verdicts[WhyVerdict.CHANCE] * 2 > sum(verdicts.values()):
         return "most of these trials fail by chance: train with more noise, or until the margin at the goal is larger"
-    return "no single group explains enough: randomise all effects together, as in train --randomize"
+    return "no single group explains enough: randomise all effects together in training"

@@ -29,7 +29,6 @@ from services.jobs import completion, lease, submission
 from services.jobs.holding import Holding
 
 EVIDENCE, NAME, WITHOUT = "TRIFARM_CHAOS_EVIDENCE", "TRIFARM_CHAOS_NAME", "TRIFARM_CHAOS_WITHOUT"
-DIES_AT = ("before-answer", "before-offer", "before-row")
 
 
 def main() -> None:

@@ -13,6 +13,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from types import FrameType
 
+from sim_backend.refusal import refused
+
 OK, OTHER, USAGE, INTERRUPTED = 0, 1, 2, 130
 NEW_FOLDER = "trifarm-experiment-"
 
@@ -20,8 +22,10 @@ NEW_FOLDER = "trifarm-experiment-"
 def main(arguments: list[str] | None = None) -> int:
     """Run, list or write pages as asked; returns the exit code."""
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    as_json = "--json" in (sys.argv[1:] if arguments is None else arguments)
     if find_spec("torch") is None or find_spec("stable_baselines3") is None:
-        return _problem("experiments need packages that are not installed: pip install -e '.[learning]' in the clone", OTHER)
+        said = "experiments need packages that are not installed: pip install -e '.[learning]' in the clone"
+        return refused(said, as_json, OTHER)
     from client_cli.terminal.errors import ClientError
     from experiments.farm_trials import WeightsMissingError
     from experiments.store import StoreError
@@ -34,11 +38,12 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         return _ask(_parser().parse_args(arguments))
     except KeyboardInterrupt:
-        return _problem("stopped; what is finished is kept, and the same command goes on from there", INTERRUPTED)
+        _tell("stopped; what is finished is kept, and the same command goes on from there")
+        return INTERRUPTED
     except (ClientError, StoreError, WeightsMissingError, TrainingFailedError) as error:
-        return _problem(str(error), OTHER)
+        return refused(error, as_json, OTHER)
     except (_UsageError, TakenError) as error:
-        return _problem(str(error), USAGE)
+        return refused(error, as_json, USAGE)
 
 
 class _UsageError(Exception):
@@ -203,11 +208,6 @@ def _interrupt(_number: int, _frame: FrameType | None) -> None:
 
 def _tell(line: str) -> None:
     print(line, file=sys.stderr, flush=True)
-
-
-def _problem(sentence: str, code: int) -> int:
-    _tell(f"error: {sentence}")
-    return code
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 import os
 import sys
+from collections.abc import Callable
 
 _OF_THE_SUPERVISOR = ("--robots", "--first", "--farm-seed")
 
@@ -21,6 +22,7 @@ def main() -> int:
     if settings.farm_seed is not None:
         os.environ[FARM_SEED_VARIABLE] = str(settings.farm_seed)  # for the robots, whose command lines everybody can read
     ends_with(parent_pid)
+    _tell_unknown_settings(say)
     if settings.robot is not None:
         return live(settings.robot, settings, ending)
     from robot_farm.farm import run_robots
@@ -28,6 +30,15 @@ def main() -> int:
     ending.drain_s = settings.drain_s
     run_robots(settings, _without_count(sys.argv[1:]), ending, say)
     return 0
+
+
+def _tell_unknown_settings(say: Callable[[str], None]) -> None:
+    """Says which variables nobody reads, and takes them out, so that each robot that is started does not say it, too."""
+    from api_schemas.environment import unknown_settings
+
+    for name, said in unknown_settings(os.environ).items():
+        say(f"warning: {said}")
+        del os.environ[name]
 
 
 def _without_count(arguments: list[str]) -> list[str]:

@@ -14,16 +14,15 @@ from pathlib import Path
 
 import numpy as np
 
-from api_schemas.error import error_document
 from robot_farm.prepared import TrialPhysics
 from robot_farm.settings import given_seed
 from sim_backend.effects.physics import Physics
 from sim_backend.effects.ranges import load_ranges
+from sim_backend.refusal import refused
 
 SECRET_FILE = "farm-secret"  # noqa: S105 - the name of a file, not a secret
 SECRET_BYTES = 32
 ROBOTS = "robots"
-EXIT_USAGE = 2
 
 
 class HiddenPhysics:
@@ -122,10 +121,7 @@ def main(arguments: list[str] | None = None) -> int:
         _check_robot(options.data / ROBOTS, options.robot, farm_seed)
         hidden = HiddenPhysics(farm_secret(options.data / ROBOTS, farm_seed), options.robot, options.physics)
     except (ValueError, OSError) as error:
-        if options.json:
-            print(json.dumps(error_document("wrong usage", str(error), EXIT_USAGE)))
-        print(f"error: {error}", file=sys.stderr)
-        return EXIT_USAGE
+        return refused(str(error), options.json)
     document = {"robot": options.robot, "physics": options.physics, "effects": hidden.physics.document()}
     print(json.dumps(document, indent=None if options.json else 2))
     return 0

@@ -16,6 +16,7 @@ from typing import Any
 import structlog
 from pydantic import ValidationError
 
+from api_schemas.environment import unknown_settings
 from jail.level import JailLevel
 from services.settings import AUDIT, Settings
 from trial_logs.disk import lose_words_rather_than_end, words_into
@@ -87,6 +88,8 @@ def main() -> None:
 
     try:
         _log(settings.audit_file)
+        for said in unknown_settings(os.environ).values():
+            structlog.get_logger().warning("setting ignored", reason=said)
         if command == "bus-key":
             from services.joining.session import bus_key
 

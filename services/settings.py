@@ -18,7 +18,10 @@ AUDIT = "audit"
 
 
 class Settings(BaseSettings):
-    """What one services process was told; read once at the start and passed on."""
+    """What one services process was told; read once at the start and passed on.
+
+    A variable that is none of these is warned of at the start and not refused; ``api_schemas/environment.py`` says why.
+    """
 
     model_config = SettingsConfigDict(env_prefix="TRIFARM_", frozen=True, extra="ignore")
 

@@ -117,7 +117,6 @@ def _why(
             goal_m=goal.cube_position_world_m[0] if task.moves_cube else None,
             goal_quat_wxyz=goal.cube_quat_wxyz[0] if task.orientation_counts else None,
             goal_tips_m=None if task.moves_cube else goal.fingertip_position_world_m[0].reshape(3, 3),
-            state_t_s=state_t_s,
             velocity_rad_s=velocity_rad_s,
             applied_nm=applied_nm,
             tips_m=tips_m,

@@ -40,9 +40,10 @@ from trial_logs.moments import way_of_object
 BLIND_S = 2.0
 """So long without a report of the tracker is lost."""
 BLIND_SHARE = 0.3
-TOUCHED_M = 0.012
+MAY_TOUCH_M = 0.012
+"""So near to the object, by a tracker with errors of millimetres, a fingertip may touch it: nobody says that none has."""
 TOUCHES_M = 0.005
-"""So near to the object, by a tracker with errors of millimetres, a fingertip is said to touch it."""
+"""So near it is said to touch it."""
 MOVED_M = 0.010
 WALL_M = 0.012
 """As near as this to the wall with its corner or face, the object stands at it."""
@@ -50,12 +51,12 @@ JOLTS_M = 0.016
 """By so much from one second to the next it may be pushed along the wall."""
 COMING_M_S = 0.004
 """An object that nears its goal faster than this in the last seconds is on its way."""
+COMING_M = 0.006
+"""And has come nearer by so much in these seconds."""
 SATURATED, SATURATED_SHARE = 0.98, 0.5
 """Share of the limit, and of the time, that a joint works at."""
 REVERSALS_HZ, REVERSALS_RAD_S = 8.0, 1.0
 """A joint that turns about so often, at such speeds, thrashes."""
-COMING_M = 0.006
-"""And has come nearer by so much within them."""
 ALREADY_S = 0.4
 """What slips later than this before a fall is noticed slips because the object falls."""
 FALLS_S = 0.15
@@ -99,7 +100,7 @@ def _untouched(e: Evidence) -> Why | None:
         return Why("tracker_lost", "the tracker hardly saw the object")
     nearest_m = gaps_m(e).min()
     moved_m = np.linalg.norm(e.seen.pose[:, :3] - e.seen.pose[0, :3], axis=1).max()
-    if nearest_m < TOUCHED_M or moved_m > MOVED_M:
+    if nearest_m < MAY_TOUCH_M or moved_m > MOVED_M:
         return None
     return Why("untouched", f"no finger came nearer to the object than {1e3 * nearest_m:.0f} mm; it never moved")
 
@@ -216,7 +217,7 @@ def _saturated(e: Evidence) -> Why | None:
     gap_m = 0.0 if e.goal_m is None else last_gap_m(e)
     touching = [] if e.goal_m is None else sorted(_at_object(e).intersection(strained))
     worst = max(touching or strained, key=lambda joint: share[joint])
-    touch = "" if gap_m < TOUCHED_M else f", and the nearest finger is {1e3 * gap_m:.0f} mm away from the object"
+    touch = "" if gap_m < MAY_TOUCH_M else f", and the nearest finger is {1e3 * gap_m:.0f} mm away from the object"
     before = _passed(e).removesuffix(" and ") if e.goal_m is not None else ""
     others = f" and {len(strained) - 1} more" if len(strained) > 1 else ""
     worked = f"{_joint(e, worst)}{others} worked at {'their' if others else 'its'} torque limit for "
@@ -228,7 +229,7 @@ def _saturated(e: Evidence) -> Why | None:
 def _at_object(e: Evidence) -> frozenset[int]:
     """The joints, which lie finger by finger, of those that touch the object most of the time."""
     each = len(e.joints) // len(e.seen.fingers)
-    fingers = np.flatnonzero(np.median(gaps_m(e), axis=0) < TOUCHED_M).tolist()
+    fingers = np.flatnonzero(np.median(gaps_m(e), axis=0) < MAY_TOUCH_M).tolist()
     return frozenset(finger * each + joint for finger in fingers for joint in range(each))
 
 
@@ -262,7 +263,7 @@ def _still(e: Evidence) -> Why | None:
     if calm is None:
         return None
     since, crept_m = calm
-    is_near = gaps_m(e)[e.seen.t_s >= since].min(axis=1) < TOUCHED_M
+    is_near = gaps_m(e)[e.seen.t_s >= since].min(axis=1) < MAY_TOUCH_M
     is_still = crept_m <= STILL_M or not is_near.any()  # what nobody touches does not creep: the tracker wanders
     if is_up(e):
         return Why("held_off", f"the object is held{' still' * is_still} in the air since {since:.1f} s: {_ended(e)}", since)

@@ -44,8 +44,7 @@ class Evidence:
         goal_m: wanted position of the object, shape (3,); None where fingertips have goals.
         goal_quat_wxyz: shape (4,), where the orientation counts, else None.
         goal_tips_m: wanted fingertips, shape (fingers, 3), or None.
-        state_t_s: times of what follows, shape (m,).
-        velocity_rad_s: of the joints, shape (m, joints).
+        velocity_rad_s: of the joints at m times, shape (m, joints).
         applied_nm: torques, shape (m, joints).
         tips_m: fingertips, shape (m, fingers, 3).
         joints: their names.
@@ -61,7 +60,6 @@ class Evidence:
     goal_m: np.ndarray | None
     goal_quat_wxyz: np.ndarray | None
     goal_tips_m: np.ndarray | None
-    state_t_s: np.ndarray
     velocity_rad_s: np.ndarray
     applied_nm: np.ndarray
     tips_m: np.ndarray

@@ -3,33 +3,34 @@
 import os
 import tempfile
 import uuid
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from threading import Event
 from typing import TYPE_CHECKING, Self
 
-from api_schemas.builtin_policies import builtin_digest
-from api_schemas.job import POLICY_TASKS, Job, JobPriority, JobRequest, JobState, TaskName
+from api_schemas.job import POLICY_TASKS, Job, JobPriority, JobState, TaskName
 from api_schemas.physics import ObjectName
 from api_schemas.report import Report, read_report
 from api_schemas.share import USUAL_DAYS, NewShare, Share
 from api_schemas.trial import OutcomeKind, Trial
-from client_cli.commands.asking import Asking, wish_of
-from client_cli.commands.builtins import builtin_named
+from client_cli.commands.asking import Asking
 from client_cli.commands.report import write_page, write_print
 from client_cli.commands.share import wish_to_share
-from client_cli.commands.submit import checked
+from client_cli.commands.submission import prepare
 from client_cli.connection.api_client import ApiClient, log_of
 from client_cli.connection.log_download import download, log_name
 from client_cli.connection.settings import load_connection
-from client_cli.policies.policy_files import read_policy
 from client_cli.terminal.errors import ClientError, UsageProblem, files_checked
 from client_cli.views.following import follow_to_end
+from trifarm.wording import worded
 
 if TYPE_CHECKING:
     from trifarm.log import Log
 
+ARGUMENTS = {"max": "max_trials"}
+"""Arguments of ``Farm.submit`` that are called otherwise than options of ``trifarm submit``."""
 REPORT_WRITERS = {".html": write_page, ".pdf": write_print}
 
 
@@ -93,8 +94,14 @@ class Farm:
         images: bool = False,
         recipe: str | None = None,
         training_seed: int | None = None,
+        name: str | None = None,
+        note: str | None = None,
+        idempotency_key: str | None = None,
     ) -> "FarmJob":
         """Uploads a policy and queues a job of it.
+
+        What the farm's dry run found strange, or that the policy is of another task, is a ``UserWarning`` before the job is
+        queued; nothing is refused for it.
 
         Args:
             weights: a .safetensors, .onnx or stable-baselines3 .zip file; for operators also builtin:grasp or builtin:grasp-turn.
@@ -117,6 +124,9 @@ class Farm:
             images: whether the logs keep what the robot's three cameras saw.
             recipe: the training that the policy is one seed of; several seeds are one entry of boards and comparisons.
             training_seed: which seed of it.
+            name: what to call the job, in lists and reports.
+            note: what one wants to remember of it.
+            idempotency_key: asked again with the same key the farm gives the job that it has; drawn if None.
 
         Raises:
             ClientError: the policy cannot be used, or the farm refused it; the text says why.
@@ -124,18 +134,15 @@ class Farm:
         if task is not None and task not in POLICY_TASKS:
             raise UsageProblem(f"there is no task {str(task)!r} for a policy; choose from {', '.join(POLICY_TASKS)}")
         common = {"task": task, "seed": seed, "object": object, "object_scale": object_scale, "priority": priority}
-        common |= {"recipe": recipe, "training_seed": training_seed}
+        common |= {"recipe": recipe, "training_seed": training_seed, "webhook": webhook, "images": images}
+        common |= {"name": name, "note": note}
         asking = Asking(against, bar, until_known, max_trials, at_least, like, None if goals is None else Path(goals))
-        with files_checked():
-            builtin = builtin_named(Path(weights))
-            policy = None if builtin else read_policy(Path(weights), None if manifest is None else Path(manifest), layout)
-            asked = wish_of(self._client, asking, common, trials=trials, layout=layout) | {"webhook": webhook, "images": images}
-            wish = checked(JobRequest, asked | {"policy": builtin_digest(builtin) if policy is None else policy.digest})
-            if policy is None:
-                self._client.take_builtin(builtin)
-            else:
-                self._client.upload_policy(policy.digest, policy.weights, policy.manifest)
-        return FarmJob(self._client, self._client.create_job(wish, uuid.uuid4().hex))
+        beside = None if manifest is None else Path(manifest)
+        with files_checked(), worded(ARGUMENTS):
+            made = prepare(self._client, Path(weights), asking, common, trials=trials, manifest=beside, layout=layout)
+        for text in made.warnings:
+            warnings.warn(text, stacklevel=2)
+        return FarmJob(self._client, self._client.create_job(made.wish, idempotency_key or uuid.uuid4().hex))
 
     def job(self, job_id: str) -> "FarmJob":
         """A job by its id."""

@@ -4,7 +4,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Literal
 
+from sim_backend.reality_gap.recording import RecordingError
 from sim_backend.reality_gap.study import StudyResult, run_study
+from trifarm.wording import of_python
 
 
 def study(
@@ -41,4 +43,8 @@ def study(
         'named'
     """
     folder = None if data is None else Path(data)
-    return run_study(Path(source), Path(out), data_root=folder, method=method, seed=seed, progress=progress)
+    try:
+        return run_study(Path(source), Path(out), data_root=folder, method=method, seed=seed, progress=progress)
+    except RecordingError as error:
+        error.args = (of_python(str(error), {}),)
+        raise

@@ -1,25 +1,21 @@
 """Policies as files on this machine: packed from a training library's checkpoint, checked as the farm checks them."""
 
-import json
-import re
-import subprocess
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from api_schemas.policy import LAYOUTS, PolicyCheck, PolicyManifest, canonical_json
-from client_cli.commands.check import CHECKING, ENDS
-from client_cli.embedded.child_process import module_command
+from api_schemas.job import POLICY_TASKS, TaskName
+from api_schemas.policy import LAYOUTS, PolicyCheck, PolicyManifest
 from client_cli.packing.packed_files import Packed, pack_to
 from client_cli.packing.reading import Statement
-from client_cli.policies.policy_files import LAYOUT_NAMES, check_is_file, find_manifest, read_manifest
-from client_cli.terminal.child_answer import answer_of
-from client_cli.terminal.errors import ClientError, UsageProblem
-from client_cli.terminal.foreground import how_it_ended
+from client_cli.policies.checking import and_tried, checked_here, expected
+from client_cli.policies.policy_files import LAYOUT_NAMES, check_is_file, read_manifest
+from client_cli.policies.trying import task_of
+from client_cli.terminal.errors import UsageProblem
+from trifarm.wording import worded
 
 __all__ = ["Packed", "check", "pack"]
 
-_ARGUMENTS = {"--format": "form", "--manifest": "expects", "--layout": "expects"}
+_ARGUMENTS = {"format": "form", "manifest": "expects", "layout": "expects"}
 """Options of ``trifarm pack`` that are called otherwise here."""
 
 
@@ -81,21 +77,27 @@ def pack(
         action_normaliser=action_normaliser,
         python=None if python is None else Path(python),
     )
-    try:
+    with worded(_ARGUMENTS):
         return pack_to(None if out is None else Path(out), given, stated, tolerance=tolerance)
-    except ClientError as error:
-        raise type(error)(_of_python(error.detail)) from error
 
 
-def check(weights: Path | str, *, expects: str | Path | PolicyManifest | None = None) -> PolicyCheck:
-    """Says whether a farm would accept a policy, by the farm's own checks run here; nothing is sent.
+def check(
+    weights: Path | str,
+    *,
+    expects: str | Path | PolicyManifest | None = None,
+    task: TaskName | str | None = None,
+    tries: bool = True,
+) -> PolicyCheck:
+    """Says whether a farm would accept a policy, by the farm's own checks run here, and tries it; nothing is sent.
 
     Args:
         weights: a .safetensors, .onnx or stable-baselines3 .zip file.
         expects: a ready-made layout by its name, a manifest's file, or a manifest; the file beside the weights if None.
+        task: the task of the short trials; by the goal that the policy sees if None.
+        tries: whether a policy that would be accepted is tried in 20 short trials in a small nominal simulation.
 
     Returns:
-        The verdict; ``problem`` says what to do where the farm would refuse.
+        The verdict; ``problem`` says what to do where the farm would refuse, ``warnings`` what was strange in checks and trials.
 
     Raises:
         ClientError: there is no such file, or the checks broke.
@@ -107,14 +109,13 @@ def check(weights: Path | str, *, expects: str | Path | PolicyManifest | None = 
     """
     file = Path(weights)
     check_is_file(file)
-    manifest = find_manifest(file, None, None) if expects is None else _manifest(expects)
-    with tempfile.TemporaryDirectory(prefix="trifarm-check-") as folder:
-        text = Path(folder) / "manifest.json"
-        text.write_text(canonical_json(manifest))
-        ended = answer_of(module_command(CHECKING, str(file), str(text), "--json"), subprocess.DEVNULL)
-    if ended.returncode not in ENDS:
-        raise ClientError(f"'check' {how_it_ended(ended.returncode)}")
-    return PolicyCheck.model_validate(json.loads(ended.stdout))
+    if task is not None and task not in POLICY_TASKS:
+        raise UsageProblem(f"there is no task {str(task)!r} for a policy; choose from {', '.join(POLICY_TASKS)}")
+    with worded(_ARGUMENTS):
+        manifest = expected(file, None, None) if expects is None else _manifest(expects)
+        said = checked_here(file, manifest)
+        chosen = task or task_of(manifest)
+        return and_tried(said, file, manifest, chosen) if said.accepted and tries and chosen is not None else said
 
 
 def _manifest(expects: str | Path | PolicyManifest) -> PolicyManifest:
@@ -125,10 +126,3 @@ def _manifest(expects: str | Path | PolicyManifest) -> PolicyManifest:
     if not Path(expects).is_file():
         raise UsageProblem(f"{str(expects)!r} is neither a manifest's file nor a layout; layouts are {LAYOUT_NAMES}")
     return read_manifest(Path(expects))
-
-
-def _of_python(detail: str) -> str:
-    """A message of the command line with the names of arguments in place of options."""
-    return re.sub(
-        r"--[a-z][a-z-]*", lambda option: _ARGUMENTS.get(option[0], option[0].removeprefix("--").replace("-", "_")), detail
-    )

@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -10,8 +10,9 @@ from typing import Annotated, Any
 import typer
 
 from api_schemas.builtin_policies import PREFIX, builtin_digest
-from api_schemas.job import MAX_CHOSEN, MAX_SEED, POLICY_TASKS, Job
+from api_schemas.job import MAX_CHOSEN, MAX_SEED, POLICY_TASKS, Job, TaskName
 from client_cli.commands.builtins import builtin_named
+from client_cli.commands.uploading import upload
 from client_cli.connection.api_client import ApiClient
 from client_cli.policies.policy_files import read_policy
 from client_cli.terminal.errors import UsageProblem
@@ -90,9 +91,17 @@ class Asking:
 
 
 def wish_of(
-    client: ApiClient, asking: Asking, common: Mapping[str, Any], *, trials: int | None, layout: str | None = None
+    client: ApiClient,
+    asking: Asking,
+    common: Mapping[str, Any],
+    *,
+    trials: int | None,
+    layout: str | None = None,
+    warn: Callable[[str], None],
 ) -> dict[str, Any]:
     """The fields of a job's request; uploads the other policy, and takes from another job what is to be like it.
+
+    ``warn`` is told what is strange about the other policy.
 
     Raises:
         UsageProblem: options contradict each other, or no task is named.
@@ -121,7 +130,7 @@ def wish_of(
     if asking.like is not None:
         wish["like"] = asking.like
     if asking.until_known:
-        against = None if asking.against is None else _other(client, asking.against, layout)
+        against = None if asking.against is None else _other(client, asking.against, layout, TaskName(wish["task"]), warn)
         wish["question"] = {"against": against, "bar": asking.bar, "at_least": asking.at_least}
     return wish
 
@@ -133,7 +142,7 @@ def _like(other: Job, wish: Mapping[str, Any], *, is_fixed: bool) -> dict[str, A
     return {"task": other.task, "object": other.object, "object_scale": other.object_scale, "trials": trials}
 
 
-def _other(client: ApiClient, named: str, layout: str | None) -> str:
+def _other(client: ApiClient, named: str, layout: str | None, task: TaskName, warn: Callable[[str], None]) -> str:
     """The job or the digest of the policy that is meant."""
     if JOB.fullmatch(named) or DIGEST.fullmatch(named):
         return named
@@ -142,7 +151,9 @@ def _other(client: ApiClient, named: str, layout: str | None) -> str:
         client.take_builtin(builtin)
         return builtin_digest(builtin)
     policy = read_policy(Path(named), None, layout)
-    return client.upload_policy(policy.digest, policy.weights, policy.manifest).digest
+    for text in upload(client, policy, task):
+        warn(f"{policy.weights.name}: {text}")
+    return policy.digest
 
 
 def read_goals(file: Path) -> list[Any]:

@@ -10,6 +10,7 @@ from pydantic import ValidationError
 from api_schemas.builtin_policies import builtin_digest
 from api_schemas.canary import MAX_CANARY_TRIALS, Canary, CanaryRequest
 from client_cli.commands.builtins import builtin_named
+from client_cli.commands.uploading import note_warnings, upload
 from client_cli.connection.api_client import ApiClient
 from client_cli.connection.settings import load_connection
 from client_cli.policies.policy_files import read_policy
@@ -58,7 +59,7 @@ def choose(
         if policy is None:
             client.take_builtin(builtin)
         else:
-            client.upload_policy(policy.digest, policy.weights, policy.manifest)
+            note_warnings(upload(client, policy, wish.task))
         _show(client.set_canary(wish), as_json)
 
 

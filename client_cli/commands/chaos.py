@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from client_cli.embedded.child_process import clone_command
-from client_cli.terminal.errors import ClientError
+from client_cli.terminal.errors import ClientError, UsageProblem
 from client_cli.terminal.exit_codes import ExitCode
 from client_cli.terminal.foreground import how_it_ended, run_to_end
 from client_cli.terminal.options import JsonOption
@@ -59,14 +59,16 @@ def chaos(
     as_json: JsonOption = False,
 ) -> None:
     """Start a farm, inject faults of every known kind while clients work, and check that it keeps its promises."""
+    if out is not None and (out.is_dir() or not out.absolute().parent.is_dir()):
+        raise UsageProblem(f"cannot write {out}: it is a folder, or there is no folder {out.absolute().parent}")
     flags = ["--home", home.value, "--campaign", campaign.value, "--seed", str(seed), *(["--quick"] if quick else [])]
     said = _run(flags)
-    if out is not None:
-        out.write_text(json.dumps(said, indent=2) + "\n")
     if as_json:
         print_document(said)
     else:
         _show(said)
+    if out is not None:
+        _keep(said, out, is_printed=as_json)
     raise typer.Exit(ExitCode.OK if said["held"] else ExitCode.OTHER)
 
 
@@ -86,6 +88,13 @@ def _run(flags: list[str]) -> dict[str, Any]:
     if "error" in said:
         raise ClientError(said["error"])
     return said
+
+
+def _keep(said: dict[str, Any], out: Path, *, is_printed: bool) -> None:
+    try:
+        out.write_text(json.dumps(said, indent=2) + "\n")
+    except OSError as error:
+        raise UsageProblem(f"cannot write {out}: {error.strerror}", after_document=is_printed) from error
 
 
 def _show(said: dict[str, Any]) -> None:

@@ -2,6 +2,7 @@
 
 import json
 import os
+import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -13,7 +14,7 @@ import typer
 from api_schemas.job import MAX_CHOSEN, MAX_SEED, Job, JobRequest, TaskName
 from api_schemas.tracker import TrackerName
 from client_cli.commands.fetch import fetch_job
-from client_cli.commands.submit import submit_policy
+from client_cli.commands.uploading import note_warnings, upload
 from client_cli.connection.api_client import ApiClient
 from client_cli.embedded.child_process import ROOT
 from client_cli.embedded.claims import private_files
@@ -79,7 +80,8 @@ def demo(
     with _farm(FarmOptions(data=home, home=home / "home", port=0, robots=told, jail_level=jail_level)) as client:
         note(f"uploading {local.weights.name} and queueing {counted(trials, f'{task.value} trial')}")
         wish = JobRequest(policy=local.digest, task=task, trials=trials, seed=seed)
-        job = follow_to_end(client, submit_policy(client, local, wish).job_id)
+        note_warnings(upload(client, local, task))
+        job = follow_to_end(client, client.create_job(wish, uuid.uuid4().hex).job_id)
         result = _collect(client, job, folder)
     if as_json:
         print_document(document(result))

@@ -5,7 +5,7 @@ import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import Event
 from typing import Annotated
@@ -34,7 +34,7 @@ FORBIDDEN = 403
 
 @dataclass(frozen=True)
 class Fetched:
-    """What a folder holds after a fetch; ``report`` is None for a job that ended without one."""
+    """What a folder holds after a fetch; ``report`` is None for a job that ended without one, ``table`` if none was asked for."""
 
     job: Job
     folder: Path
@@ -43,6 +43,7 @@ class Fetched:
     already_there: int
     received_bytes: int
     report: Path | None
+    table: Path | None = None
 
 
 def fetch(
@@ -69,10 +70,12 @@ def fetch(
             write_table(client.trials(job_id), table)
             note(f"the trials of job {job_id} are in {table}")
         if to is None:
+            if as_json:
+                print_document({"job_id": job_id, "table": str(table)})
             return
         fetched = fetch_job(client, job_id, to, parallel, with_truth=truth)
     if as_json:
-        print_document(document(fetched))
+        print_document(document(replace(fetched, table=table)))
     else:
         truths = f" and {counted(len(fetched.truths), 'truth')}" if truth else ""
         print_line(
@@ -107,6 +110,7 @@ def document(fetched: Fetched) -> dict[str, object]:
         "already_there": fetched.already_there,
         "received_bytes": fetched.received_bytes,
         "report": str(fetched.report) if fetched.report else None,
+        "table": str(fetched.table) if fetched.table else None,
     }
 
 

@@ -14,11 +14,12 @@ from client_cli.terminal.output import age, note, print_document, print_line, pr
 from client_cli.views.following import ending, exit_code_of, follow_to_end
 
 COLUMNS = ("job", "state", "task", "done", "succeeded", "policy", "owner", "age", "why")
+USUAL_LIMIT = 20
 
 
 def jobs(
     state: Annotated[JobState | None, typer.Option("--state", help="Only jobs in this state.")] = None,
-    limit: Annotated[int, typer.Option("--limit", min=1, max=200, help="Maximum number of jobs.")] = 20,
+    limit: Annotated[int, typer.Option("--limit", min=1, max=200, help="Maximum number of jobs.")] = USUAL_LIMIT,
     text: Annotated[
         str | None, typer.Option("--search", metavar="TEXT", help="Only jobs with this text in a name, a note or an id.")
     ] = None,
@@ -43,8 +44,15 @@ def jobs(
         return
     print_table(COLUMNS, (_row(job) for job in page.jobs))
     if page.next_cursor:
-        searched = "" if text is None else f" --search {shlex.quote(text)}"
-        note(f"more: trifarm jobs{searched} --cursor {page.next_cursor}")
+        note(f"more: {_next_page(page.next_cursor, state, limit, text)}")
+
+
+def _next_page(cursor: str, state: JobState | None, limit: int, text: str | None) -> str:
+    """The command that lists what follows, of the same jobs."""
+    states = [] if state is None else ["--state", state.value]
+    limits = [] if limit == USUAL_LIMIT else ["--limit", str(limit)]
+    texts = [] if text is None else ["--search", text]
+    return shlex.join(["trifarm", "jobs", *states, *limits, *texts, "--cursor", cursor])
 
 
 def state_word(state: JobState) -> str:

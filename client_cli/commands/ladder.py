@@ -15,6 +15,7 @@ from api_schemas.job import JobState
 from api_schemas.ladder import Ladder, LadderEnds, LadderRequest, Rung, RungRequest
 from api_schemas.success_rate import SHOWN
 from client_cli.commands.asking import USUAL_TRIALS, Asking
+from client_cli.commands.uploading import note_warnings, upload
 from client_cli.connection.api_client import ApiClient
 from client_cli.connection.settings import load_connection
 from client_cli.policies.checkpoints import Checkpoint
@@ -22,7 +23,7 @@ from client_cli.policies.policy_files import LocalPolicy, read_policy
 from client_cli.terminal.errors import Interrupted, ServerAway, UsageProblem
 from client_cli.terminal.exit_codes import ExitCode
 from client_cli.terminal.options import JsonOption
-from client_cli.terminal.output import note, print_document, print_line, print_table
+from client_cli.terminal.output import print_document, print_line, print_table
 from client_cli.views.following import GIVE_UP_AFTER_S
 from client_cli.views.progress import JobProgress
 from client_cli.views.progress_view import progress_view
@@ -58,8 +59,7 @@ def submit_ladder(
 ) -> Ladder:
     """Upload the policies and queue the ladder of them."""
     for policy, _ in policies:
-        for warning in client.upload_policy(policy.digest, policy.weights, policy.manifest).warnings:
-            note(f"warning: {policy.weights.name}: {warning}")
+        note_warnings(upload(client, policy, wish.task), policy.weights.name)
     return client.create_ladder(wish, idempotency_key or uuid.uuid4().hex)
 
 

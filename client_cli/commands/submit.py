@@ -3,15 +3,13 @@
 import os
 import sys
 import uuid
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any
 
 import typer
-from pydantic import ValidationError
 
-from api_schemas.builtin_policies import builtin_digest
-from api_schemas.job import MAX_SEED, MAX_TRIALS, Job, JobPriority, JobRequest
+from api_schemas.job import MAX_SEED, MAX_TRIALS, JobPriority
 from api_schemas.ladder import LadderRequest
 from api_schemas.physics import ObjectName
 from client_cli.commands.asking import (
@@ -27,10 +25,7 @@ from client_cli.commands.asking import (
     RewardsOption,
     TrainingSeedOption,
     UntilKnownOption,
-    wish_of,
 )
-from client_cli.commands.builtins import builtin_named
-from client_cli.commands.label import labels_of
 from client_cli.commands.ladder import (
     FOLDER,
     ends_of,
@@ -41,11 +36,12 @@ from client_cli.commands.ladder import (
     rungs_of,
     submit_ladder,
 )
+from client_cli.commands.submission import checked, prepare
+from client_cli.commands.uploading import note_warnings
 from client_cli.connection.api_client import ApiClient
 from client_cli.connection.settings import load_connection
 from client_cli.policies.checkpoints import find_checkpoints
-from client_cli.policies.policy_files import LocalPolicy, read_policy
-from client_cli.policies.trying import of_another_task
+from client_cli.policies.policy_files import LocalPolicy
 from client_cli.terminal.errors import UsageProblem
 from client_cli.terminal.options import (
     IdempotencyKeyOption,
@@ -63,10 +59,7 @@ from client_cli.terminal.options import (
     WebhookOption,
 )
 from client_cli.terminal.output import counted, note, print_document, print_line
-from client_cli.terminal.wrong_values import sentence
 from client_cli.views.following import ending, exit_code_of, follow_to_end
-
-Wish = TypeVar("Wish", JobRequest, LadderRequest)
 
 
 def submit(
@@ -140,19 +133,12 @@ def submit(
         return
     if halving or rewards is not None:
         raise UsageProblem("--halving and --rewards are for a folder of checkpoints, which makes a ladder")
-    labels = labels_of({key: text for key, text in (("name", name), ("note", note_text)) if text is not None})
-    common |= labels.model_dump(exclude_unset=True) | {"recipe": recipe, "training_seed": training_seed}
-    builtin = builtin_named(file)
-    policy = None if builtin else read_policy(file, manifest, layout)
-    digest = builtin_digest(builtin) if policy is None else policy.digest
+    common |= {"recipe": recipe, "training_seed": training_seed, "webhook": webhook, "images": images}
+    common |= {"name": name, "note": note_text}
     with ApiClient(load_connection(os.environ)) as client:
-        wanted = wish_of(client, asking, common, trials=trials, layout=layout)
-        wish = checked(JobRequest, wanted | {"policy": digest, "webhook": webhook, "images": images})
-        if policy is None:
-            client.take_builtin(builtin)
-            job = client.create_job(wish, idempotency_key or uuid.uuid4().hex)
-        else:
-            job = submit_policy(client, policy, wish, idempotency_key)
+        made = prepare(client, file, asking, common, trials=trials, manifest=manifest, layout=layout)
+        note_warnings(made.warnings)
+        job = client.create_job(made.wish, idempotency_key or uuid.uuid4().hex)
         if not as_json:
             print_line(job.job_id)
             if sys.stdout.isatty() and not wait:
@@ -166,18 +152,6 @@ def submit(
             print_document(job)
     if wait:
         raise typer.Exit(exit_code_of(job))
-
-
-def checked(schema: type[Wish], asked: Mapping[str, object]) -> Wish:
-    """What is asked for.
-
-    Raises:
-        UsageProblem: with the first thing that is wrong with it.
-    """
-    try:
-        return schema.model_validate(asked)
-    except ValidationError as error:
-        raise UsageProblem(sentence(error, "the job")) from error
 
 
 def _submit_folder(
@@ -195,13 +169,3 @@ def _submit_folder(
             print_document(made)
     if wait:
         raise typer.Exit(ladder_exit_code(made))
-
-
-def submit_policy(client: ApiClient, policy: LocalPolicy, wish: JobRequest, idempotency_key: str | None = None) -> Job:
-    """Upload ``policy`` and queue the job of it; what the dry run found strange is noted, not refused."""
-    uploaded = client.upload_policy(policy.digest, policy.weights, policy.manifest)
-    for warning in uploaded.warnings:
-        note(f"warning: {warning}")
-    if unlike := of_another_task(policy.manifest, wish.task):
-        note(f"warning: {unlike}")
-    return client.create_job(wish, idempotency_key or uuid.uuid4().hex)

@@ -9,6 +9,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from api_schemas.environment import unknown_settings
 from api_schemas.robot import RobotState
 from client_cli.connection.api_client import ApiClient
 from client_cli.connection.settings import Connection, save_connection
@@ -107,6 +108,8 @@ def _start_services(options: FarmOptions, port: int, bus: str) -> ChildProcess:
     command = module_command("services", "serve", *flags, "--farm", FARM, "--physics", options.robots.physics_name)
     if ignored := ignored_settings(os.environ):
         note(f"not used here, where flags and the data folder decide: {', '.join(ignored)}")
+    for said in unknown_settings(os.environ).values():
+        note(f"warning: {said}")
     return start_child(
         "services", command, child_environment(**given_settings(os.environ)), options.data / "logs" / "services.log"
     )

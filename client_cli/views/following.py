@@ -3,7 +3,7 @@
 import time
 from dataclasses import dataclass, replace
 
-from api_schemas.job import FINAL_JOB_STATES, Job, JobEvent, JobState, TaskName
+from api_schemas.job import FINAL_JOB_STATES, EventKind, Job, JobEvent, JobState, TaskName
 from api_schemas.success_rate import SHOWN, SHOWN_LEVEL, wilson
 from client_cli.connection.api_client import ApiClient
 from client_cli.connection.patience import pause_s
@@ -75,7 +75,7 @@ def _read_events(client: ApiClient, job_id: str, followed: Followed, view: Progr
         else:
             followed.progress = _with_question(client, advance(followed.progress, event), event)
             followed.last_event = event.id
-            followed.ended = event.kind == "job_ended"  # final states are also in the past of a job that was queued again
+            followed.ended = event.kind == EventKind.JOB_ENDED  # final states are also in the past of a job that was queued again
         view.show(followed.progress)
         if followed.ended:
             return
@@ -83,7 +83,7 @@ def _read_events(client: ApiClient, job_id: str, followed: Followed, view: Progr
 
 def _with_question(client: ApiClient, progress: JobProgress, event: JobEvent) -> JobProgress:
     """The progress with its question as it stands after a trial."""
-    if progress.question is None or event.kind != "trial_done":
+    if progress.question is None or event.kind != EventKind.TRIAL_DONE:
         return progress
     question = client.job(event.job_id).question
     return progress if question is None else replace(progress, question=question_sentence(question))

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 
 from api_schemas.anytime import rate_sequence
-from api_schemas.job import Job, JobEvent, TaskName
+from api_schemas.job import EventKind, Job, JobEvent, TaskName
 from api_schemas.question import Question
 from api_schemas.success_rate import SHOWN, SHOWN_LEVEL
 from client_cli.terminal.output import duration
@@ -55,11 +55,11 @@ def advance(progress: JobProgress, event: JobEvent) -> JobProgress:
     """The progress after ``event``."""
     robots = dict(progress.running)
     if event.trial_ordinal is not None:
-        if event.kind in {"trial_leased", "trial_running"} and event.robot:
+        if event.kind in {EventKind.TRIAL_LEASED, EventKind.TRIAL_RUNNING} and event.robot:
             robots[event.trial_ordinal] = event.robot
         else:
             robots.pop(event.trial_ordinal, None)
-    done = event.kind == "trial_done"
+    done = event.kind == EventKind.TRIAL_DONE
     of_robots = {robot: (trials, successes) for robot, trials, successes in progress.of_robots}
     ended = progress.ended
     if done and event.trial_ordinal is not None:

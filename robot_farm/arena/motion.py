@@ -9,6 +9,7 @@ from robot_farm.link.lease_keeper import TrialStoppedError
 from sim_backend.driver.driver import Command
 from sim_backend.driver.simulated import SimulatedDriver
 from sim_backend.driver.tracker import TrackedPose, Tracker
+from sim_backend.excitations.excitation import RAISED_RAD as RAISED_FINGER_RAD
 from sim_backend.trifinger import constants as c
 
 PERIOD_STEPS = 20
@@ -20,7 +21,7 @@ gravity of a stretched finger alone keeps it 0.03 rad from its target."""
 _CATCH_UP_MAX_RAD = 0.04  # times the position gain: nearly the motor's whole torque
 
 START_RAD = c.START_JOINT_POSITION_RAD
-RAISED_RAD = np.tile([0.0, 1.2, -2.2], 3)
+RAISED_RAD = np.tile(RAISED_FINGER_RAD, 3)
 """Fingers folded, tips 15 cm above the table: above any object that lies there, and out of the cameras' way."""
 
 

@@ -7,7 +7,7 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Header, Query, Request
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 
-from api_schemas.job import FINAL_JOB_STATES, JobEvent
+from api_schemas.job import FINAL_JOB_STATES, EventKind, JobEvent
 from services.api.access import User
 from services.api.at_once import one_more
 from services.api.farm import Farm, TheFarm
@@ -61,7 +61,7 @@ async def stream_events(row: OwnJob, last_seen: LastSeen, farm: TheFarm) -> Asyn
         for event in found:
             yield ServerSentEvent(data=event, event=event.kind, id=str(event.id))
             last_seen = event.id
-            if event.kind == "job_ended":
+            if event.kind == EventKind.JOB_ENDED:
                 return
         if await _over(farm, row, last_seen):
             return

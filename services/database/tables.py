@@ -161,8 +161,8 @@ job = Table(
     UniqueConstraint("owner", "idempotency_key"),
     Index("ix_job_owner_state", "owner", "state"),
     Index("ix_job_board", "task", "object", "object_scale", "physics", "policy"),
-    # Identifications that wait for their robot; the dispatcher looks at them again and again.
     Index("ix_job_unfinished", "number", sqlite_where=text(UNFINISHED), postgresql_where=text(UNFINISHED)),
+    # Identifications that wait for their robot; the dispatcher looks at them again and again.
     Index("ix_job_pinned", "state", "robot", sqlite_where=text(PINNED), postgresql_where=text(PINNED)),
 )
 
@@ -338,6 +338,7 @@ robot = Table(
     Column("canary_s", Float),
     # Why the farm has taken it out of service.
     Column("withdrawn", Words),
+    # For who looks into the database; no code reads it. It stays, since older services insert it while a farm is updated.
     Column("first_seen_at", String(40), nullable=False),
 )
 

@@ -3,7 +3,7 @@
 from sqlalchemy import select
 from sqlalchemy.ext.asyncio import AsyncConnection
 
-from api_schemas.job import JobState
+from api_schemas.job import EventKind, JobState
 from services.database.tables import job
 from services.errors import Conflict
 from services.jobs import events
@@ -25,5 +25,5 @@ async def cancel(tx: AsyncConnection, now_s: float, job_number: int) -> None:
         raise Conflict("job-ended", f"Job {row.job_id} has {row.state} and cannot be cancelled any more.", state=row.state)
     await cancel_queued(tx, job_number)
     text = "cancel asked for" if row.trials_active == 0 else f"cancel asked for; {row.trials_active} running trials stop"
-    now = await events.record(tx, iso(now_s), job_number, "job_cancelling", text, cancel=True)
+    now = await events.record(tx, iso(now_s), job_number, EventKind.JOB_CANCELLING, text, cancel=True)
     await end_cancelled(tx, now_s, now)

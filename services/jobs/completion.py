@@ -7,7 +7,7 @@ from typing import Any
 from sqlalchemy import Integer, bindparam, func, select, update
 from sqlalchemy.ext.asyncio import AsyncConnection
 
-from api_schemas.job import JobState, TaskName
+from api_schemas.job import EventKind, JobState, TaskName
 from api_schemas.robot import OutcomeReport
 from api_schemas.trial import FAULT_OF, AttemptState, Fault, Outcome, OutcomeKind, TrialState
 from services.database.rows import AnyRow
@@ -105,7 +105,7 @@ async def fault(
         tx,
         now_s,
         moved,
-        "attempt_faulted",
+        EventKind.ATTEMPT_FAULTED,
         f"attempt {claim.fence} of trial {moved.ordinal} on {claim.robot} had a platform error: {reason}",
         claim=claim,
         add_platform_faults=1,
@@ -129,7 +129,7 @@ async def decline(tx: AsyncConnection, now_s: float, claim: Claim, reason: str) 
     if moved is None:
         return None
     await close_attempt(tx, now_s, claim, AttemptState.DECLINED, reason)
-    now = await _record(tx, now_s, moved, "offer_declined", f"trial {moved.ordinal} not taken: {reason}", claim=claim)
+    now = await _record(tx, now_s, moved, EventKind.OFFER_DECLINED, f"trial {moved.ordinal} not taken: {reason}", claim=claim)
     if now.any_robot:
         await pinning.unpin(tx, now.number)
     ended = await _cancel_if_unwanted(tx, now_s, now, claim)
@@ -178,7 +178,7 @@ async def _done(tx: AsyncConnection, now_s: float, claim: Claim, report: Outcome
         "add_policy_faults": int(outcome.fault == Fault.POLICY),
     }
     text = f"trial {moved.ordinal} on {claim.robot}: {outcome.kind}"
-    now = await _record(tx, now_s, moved, "trial_done", text, claim=claim, **counts)
+    now = await _record(tx, now_s, moved, EventKind.TRIAL_DONE, text, claim=claim, **counts)
     await physics.note(tx, now, of_robot)
     return Ending(now.job_id, done=True, job_ended=await _end_if_complete(tx, now_s, now))
 
@@ -225,7 +225,9 @@ async def _stopped(tx: AsyncConnection, now_s: float, claim: Claim, report: Outc
     if moved is None:
         return None
     await close_attempt(tx, now_s, claim, AttemptState.CANCELLED, report.outcome.reason, report=report)
-    now = await _record(tx, now_s, moved, "trial_cancelled", f"trial {moved.ordinal} stopped on {claim.robot}", claim=claim)
+    now = await _record(
+        tx, now_s, moved, EventKind.TRIAL_CANCELLED, f"trial {moved.ordinal} stopped on {claim.robot}", claim=claim
+    )
     return Ending(now.job_id, done=False, job_ended=await end_cancelled(tx, now_s, now))
 
 
@@ -236,7 +238,7 @@ async def _leave(tx: AsyncConnection, claim: Claim, state: TrialState, **values:
 
 
 async def _record(
-    tx: AsyncConnection, now_s: float, moved: AnyRow, kind: str, text: str, *, claim: Claim, **changes: Any
+    tx: AsyncConnection, now_s: float, moved: AnyRow, kind: EventKind, text: str, *, claim: Claim, **changes: Any
 ) -> AnyRow:
     more: dict[str, Any] = {"ordinal": moved.ordinal, "robot": claim.robot, "add_trials_active": -1, **changes}
     return await events.record(tx, iso(now_s), moved.job_number, kind, text, **more)
@@ -309,7 +311,7 @@ async def _end(
     """``told`` says how the trials ended; of a large job it may follow."""
     at = at or iso(now_s)
     await tx.execute(update(webhook).where(webhook.c.job_number == number).values(due_s=now_s))
-    ended = await events.record(tx, at, number, "job_ended", text, set_state=state, set_ended_at=at, **more)
+    ended = await events.record(tx, at, number, EventKind.JOB_ENDED, text, set_state=state, set_ended_at=at, **more)
     if told is None and ended.trials_made is None:
         told = await outcomes.of_job(tx, ended)
     await tx.execute(update(job).where(job.c.number == number).values(outcomes=told))

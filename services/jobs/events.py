@@ -8,7 +8,7 @@ from sqlalchemy import Boolean, Integer, bindparam, func, insert, or_, select, u
 from sqlalchemy.ext.asyncio import AsyncConnection
 from sqlalchemy.sql.dml import ReturningUpdate
 
-from api_schemas.job import JobEvent, JobState
+from api_schemas.job import EventKind, JobEvent, JobState
 from services.database.rows import AnyRow
 from services.database.tables import event, job
 
@@ -38,7 +38,7 @@ _WRITE = insert(event)
 class Line:
     """One event of a job."""
 
-    kind: str
+    kind: EventKind
     text: str
     ordinal: int | None = None
     robot: str | None = None
@@ -48,7 +48,7 @@ async def record(
     tx: AsyncConnection,
     at: str,
     job_number: int,
-    kind: str,
+    kind: EventKind,
     text: str,
     *,
     ordinal: int | None = None,

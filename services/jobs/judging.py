@@ -7,7 +7,7 @@ from dataclasses import replace
 from sqlalchemy import bindparam, select, update
 from sqlalchemy.ext.asyncio import AsyncConnection
 
-from api_schemas.job import JobState
+from api_schemas.job import EventKind, JobState
 from api_schemas.question import Verdict
 from api_schemas.trial import TrialState
 from services.database.rows import AnyRow
@@ -129,7 +129,7 @@ async def _give_up(tx: AsyncConnection, now_s: float, stands: Standing) -> Seque
         return (twin.job_id,)
     await completion.cancel_queued(tx, twin.number)
     text = f"cancelled with job {stands.job.job_id}, which it was queued for"
-    now = await events.record(tx, iso(now_s), twin.number, "job_cancelling", text, cancel=True)
+    now = await events.record(tx, iso(now_s), twin.number, EventKind.JOB_CANCELLING, text, cancel=True)
     await completion.end_cancelled(tx, now_s, now)
     return (twin.job_id,)
 

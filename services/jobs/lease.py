@@ -7,7 +7,7 @@ from typing import Any, Literal
 from sqlalchemy import String, and_, bindparam, exists, func, insert, select, union_all, update
 from sqlalchemy.ext.asyncio import AsyncConnection
 
-from api_schemas.job import JobState
+from api_schemas.job import EventKind, JobState
 from api_schemas.robot import OutcomeReport, Renewal
 from api_schemas.trial import AttemptState, OutcomeKind, TrialState
 from services.database.postgres import is_postgres
@@ -162,12 +162,14 @@ class Leases:
         waiting = {queued.job_number for _, queued, _ in self._written if queued.job_state == JobState.QUEUED}
         for claim, queued, _ in self._written:
             text = f"trial {queued.ordinal} leased to {claim.robot}"
-            of_jobs.setdefault(queued.job_number, []).append(events.Line("trial_leased", text, queued.ordinal, claim.robot))
+            of_jobs.setdefault(queued.job_number, []).append(
+                events.Line(EventKind.TRIAL_LEASED, text, queued.ordinal, claim.robot)
+            )
         for number, lines in of_jobs.items():
             changes: dict[str, Any] = {"add_trials_active": len(lines)}
             if number in waiting:
                 changes |= {"set_state": JobState.RUNNING, "set_started_at": at}
-                lines.insert(0, events.Line("job_running", "job running: first trial leased"))
+                lines.insert(0, events.Line(EventKind.JOB_RUNNING, "job running: first trial leased"))
             await events.record_all(self.tx, at, number, lines, **changes)
         self._written.clear()
 
@@ -187,7 +189,7 @@ async def confirm_leases(tx: AsyncConnection, now_s: float, claims: Collection[C
         row = (await tx.execute(_CONFIRM, {"of_trial": claim.trial_id, "held_fence": claim.fence})).one_or_none()
         if row is not None:
             text = f"trial {row.ordinal} running on {claim.robot}"
-            of_jobs.setdefault(row.job_number, []).append(events.Line("trial_running", text, row.ordinal, claim.robot))
+            of_jobs.setdefault(row.job_number, []).append(events.Line(EventKind.TRIAL_RUNNING, text, row.ordinal, claim.robot))
             confirmed.append(claim)
     for number, lines in of_jobs.items():
         await events.record_all(tx, iso(now_s), number, lines)

@@ -3,7 +3,7 @@
 from sqlalchemy import select, update
 from sqlalchemy.ext.asyncio import AsyncConnection
 
-from api_schemas.job import JobState
+from api_schemas.job import EventKind, JobState
 from api_schemas.trial import TrialState
 from services.database.database import Database
 from services.database.tables import event, job, trial, webhook
@@ -12,8 +12,6 @@ from services.files.store import FileStore
 from services.jobs import events, pinning
 from services.jobs.clock import iso
 
-GAVE_UP = "job_gave_up"
-"""What the end of a job is called in its history after the job went on: readers stop at ``job_ended``."""
 NAMED = 5
 
 
@@ -53,7 +51,7 @@ async def requeue(tx: AsyncConnection, now_s: float, job_number: int) -> None:
         raise Conflict("job-stopping", detail, trials_active=row.trials_active)
     state = JobState.QUEUED if row.started_at is None else JobState.RUNNING
     of_job = update(event).where(event.c.job_number == job_number)
-    await tx.execute(of_job.where(event.c.kind == "job_ended").values(kind=GAVE_UP))
+    await tx.execute(of_job.where(event.c.kind == EventKind.JOB_ENDED).values(kind=EventKind.JOB_GAVE_UP))
     # Trials that were stopped have told of a failed job too, and whoever reads of one believes that nothing follows.
     await tx.execute(of_job.where(event.c.state == JobState.FAILED).values(state=state))
     left = update(trial).where(trial.c.job_number == job_number, trial.c.state == TrialState.CANCELLED)
@@ -63,4 +61,4 @@ async def requeue(tx: AsyncConnection, now_s: float, job_number: int) -> None:
         await pinning.unpin(tx, job_number)
     text = f"job queued again by an operator: {again.rowcount} trials are left"
     await tx.execute(update(job).where(job.c.number == job_number).values(ended_at=None, reason=None, created_s=now_s))
-    await events.record(tx, iso(now_s), job_number, "job_queued_again", text, set_state=state)
+    await events.record(tx, iso(now_s), job_number, EventKind.JOB_QUEUED_AGAIN, text, set_state=state)

@@ -13,7 +13,7 @@ from sqlalchemy.exc import IntegrityError
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from api_schemas.excitation import ANY_ROBOT, IdentificationRequest
-from api_schemas.job import MAX_SEED, JobRequest, JobState, TaskName
+from api_schemas.job import MAX_SEED, EventKind, JobRequest, JobState, TaskName
 from api_schemas.policy import PolicyManifest
 from api_schemas.trial import TrialState
 from services.database.rows import AnyRow
@@ -289,5 +289,5 @@ async def _insert(tx: AsyncConnection, now_s: float, asked: _NewJob, sender: Sen
     of = making.OfJob(job_id, number, seed, sender.owner, asked.values.get("priority", NORMAL_RANK))
     state = TrialState.HELD if asked.values.get("judged") else TrialState.QUEUED
     await making.make(tx, of, asked.trials if made is None else asked.trials[:made], state=state, named=asked.values.get("robot"))
-    await events.record(tx, iso(now_s), number, "job_queued", asked.text)
+    await events.record(tx, iso(now_s), number, EventKind.JOB_QUEUED, asked.text)
     return job_id

@@ -109,7 +109,7 @@ def wrong_input(manifest: PolicyManifest, network_inputs: int) -> UnfitError:
     near = layouts[nearest]
     fitting = [name for name, layout in layouts.items() if layout.observation_size == network_inputs]
     fits = manifest.frame_stack is None and bool(fitting)
-    instead = f"--layout {' or '.join(fitting)} fits" if fits else "name the fields that it was trained on"
+    instead = f"the layout {' or '.join(fitting)} fits" if fits else "name the fields that it was trained on"
     return UnfitError(
         f"the manifest's observation has {size} numbers ({_fields(manifest)}){_stacked(manifest)}, "
         f"but the network takes {network_inputs}; "

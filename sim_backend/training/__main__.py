@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from sim_backend.extras import how_to_install
 from sim_backend.folder_lock import TakenError, taken
+from sim_backend.refusal import refused
 from sim_backend.workers.pool import WorkersError
 
 if TYPE_CHECKING:
@@ -31,24 +32,25 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         from sim_backend.training import train
     except ImportError as error:
-        return _problem(f"training needs packages that are not installed ({error.name}): {how_to_install('learning')}", OTHER)
+        said = f"training needs packages that are not installed ({error.name}): {how_to_install('learning')}"
+        return refused(said, options.json, OTHER)
     from sim_backend.training.recipe import RecipeError, load_recipe
 
     try:
         name, recipe = load_recipe(options.recipe)
     except RecipeError as error:
-        return _problem(str(error), USAGE)
+        return refused(error, options.json, USAGE)
     folder = options.out or Path(f"train-{name}")
     there = (folder / train.CHECKPOINT).exists()
-    if there and not options.resume:
-        return _problem(f"{folder} has the checkpoint of a run; give --resume to go on with it, or another --out", USAGE)
-    if options.resume and not there:
-        return _problem(f"{folder} has no checkpoint to go on from; leave --resume out to begin", USAGE)
+    if there != options.resume:
+        begun = "has the checkpoint of a run; give --resume to go on with it, or another --out"
+        said = f"{folder} {begun if there else 'has no checkpoint to go on from; leave --resume out to begin'}"
+        return refused(said, options.json, USAGE)
     try:
         with taken(folder, "a training", "give another --out", patience_s=LEARNER_GOES_S, lock="learner.lock"):
             return _begun(name, recipe, folder, options)
     except TakenError as error:
-        return _problem(str(error), USAGE)
+        return refused(error, options.json, USAGE)
 
 
 def _begun(name: str, recipe: "Recipe | ImitationRecipe", folder: Path, options: argparse.Namespace) -> int:
@@ -65,7 +67,7 @@ def _begun(name: str, recipe: "Recipe | ImitationRecipe", folder: Path, options:
         if options.resume:
             run.go_on()
     except ValueError as error:
-        return _problem(f"recipe {name}: {error}", USAGE)
+        return refused(f"recipe {name}: {error}", options.json, USAGE)
     return _train(run, options, _tell)
 
 
@@ -78,7 +80,7 @@ def _train(run, options: argparse.Namespace, tell: Callable[[str], None]) -> int
     except WorkersError as error:
         if run.samples:
             run.keep()  # what was under way was not learned from
-        return _problem(str(error), OTHER)
+        return refused(error, options.json, OTHER)
     finally:
         signal.signal(signal.SIGINT, before)
     run.keep()
@@ -118,11 +120,6 @@ def _parser() -> argparse.ArgumentParser:
 
 def _tell(line: str) -> None:
     print(line, file=sys.stderr, flush=True)
-
-
-def _problem(sentence: str, code: int) -> int:
-    _tell(f"error: {sentence}")
-    return code
 
 
 if __name__ == "__main__":

@@ -93,7 +93,6 @@ MAX_TORQUE_NM = TORQUE_CONSTANT_NM_A * GEAR_RATIO * MAX_CURRENT_A  # 0.396 N m
 SAFETY_DAMPING_NM_S_RAD = np.tile([0.09, 0.09, 0.05], 3)  # the real robot's; TS simulates (0.08, 0.08, 0.04)
 POSITION_GAIN_NM_RAD = np.tile([9.0, 9.0, 9.0], 3)
 VELOCITY_GAIN_NM_S_RAD = np.tile([0.01, 0.01, 0.01], 3)
-MAX_JOINT_VELOCITY_RAD_S = 10.0  # TS trifingerpro_limits.py
 TIP_SENSOR_SATURATION_N = 5.0  # TS sim_finger.py: the push sensor in a tip shows 1 "somewhere around 5 N"
 TIP_SENSOR_AT_REST = 0.05  # TS same file: what it shows when nothing is touched
 SIMULATED_ROBOT_ID = 0  # TRD sim_env.py; real robots have others

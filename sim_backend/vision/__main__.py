@@ -8,6 +8,7 @@ import json
 import sys
 from pathlib import Path
 
+from sim_backend.refusal import refused
 from sim_backend.vision.cameras import CamerasMissingError
 from sim_backend.vision.film import FilmError, write_film
 from sim_backend.vision.pictures import as_file
@@ -24,9 +25,9 @@ def main(arguments: list[str] | None = None) -> int:
         with Views(options.log, drawn=options.drawn, edges=options.edges) as views:
             said = _look(views, options) if options.command == "look" else _film(views, options)
     except (LogUnreadableError, ValueError, OSError) as error:
-        return _refused(str(error), EXIT_USAGE, as_json=options.json)
+        return refused(error, options.json, EXIT_USAGE)
     except (CamerasMissingError, FilmError, ImportError) as error:
-        return _refused(str(error), EXIT_CANNOT, as_json=options.json)
+        return refused(error, options.json, EXIT_CANNOT)
     print(json.dumps(said) if options.json else _in_words(said))
     return 0
 
@@ -68,14 +69,6 @@ def _said(views: Views, options: argparse.Namespace) -> dict[str, object]:
 def _in_words(said: dict[str, object]) -> str:
     what = f"{said['frames']} frames" if "frames" in said else f"the views at {said['exposed_s']:.3f} s"
     return f"{said['file']}: {what}, {said['images']}"
-
-
-def _refused(reason: str, code: int, *, as_json: bool) -> int:
-    if as_json:
-        print(json.dumps({"error": reason}))
-    else:
-        print(f"error: {reason}", file=sys.stderr)
-    return code
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ import numpy as np
 from sim_backend.driver.detection import Values, values_of
 from sim_backend.effects.physics import Physics
 from sim_backend.effects.ranges import load_ranges
+from sim_backend.refusal import refused
 from sim_backend.trifinger.objects import CUBE
 from sim_backend.vision.cameras import CamerasMissingError
 from sim_backend.vision.image_tracker import SURE
@@ -42,11 +43,12 @@ def main(arguments: list[str] | None = None) -> int:
         rows = [json.loads(line) for line in options.rows.read_text().splitlines()]
         found = ranges_of(rows, matched_occlusion(rows, _values))
     except KeyboardInterrupt:
-        return _problem("stopped; called again with the same rows it goes on", INTERRUPTED)
+        print("stopped; called again with the same rows it goes on", file=sys.stderr)
+        return INTERRUPTED
     except CamerasMissingError as error:
-        return _problem(str(error), CANNOT)
+        return refused(error, options.json, CANNOT)
     except (ValueError, KeyError, OSError) as error:
-        return _problem(f"{options.rows}: {error}", USAGE)
+        return refused(f"{options.rows}: {error}", options.json, USAGE)
     options.out.write_text(preset_text(found, ABOUT, datetime.datetime.now(datetime.UTC).date()))
     errors = by_kind(rows, options.out)
     said = {"ranges": str(options.out), "rows": len(rows), "table": table(errors)}
@@ -156,11 +158,6 @@ def draw(errors: Sequence[dict[str, Any]], path: Path) -> None:
         axes.set(xlim=(0, 10), ylim=(0, 1), xlabel="error, mm" if factor == 1.0 else "error, degrees", ylabel="share of scenes")
         axes.legend(frameon=False)
     figure.savefig(path)
-
-
-def _problem(text: str, code: int) -> int:
-    print(f"error: {text}", file=sys.stderr)
-    return code
 
 
 if __name__ == "__main__":

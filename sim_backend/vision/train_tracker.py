@@ -13,6 +13,7 @@ import sys
 from pathlib import Path
 
 from sim_backend.extras import how_to_install
+from sim_backend.refusal import refused
 
 OK, OTHER, USAGE, INTERRUPTED = 0, 1, 2, 130
 FIRST_SEED, ROBOTS, HELD_OUT = 1000, 174, 6
@@ -28,20 +29,20 @@ def main(arguments: list[str] | None = None) -> int:
     folder = options.out
     folder.mkdir(parents=True, exist_ok=True)
     if (folder / CHECKPOINT).exists() and not options.resume:
-        return _problem(f"{folder} has the checkpoint of a run; give --resume to go on with it, or another --out", USAGE)
+        said = f"{folder} has the checkpoint of a run; give --resume to go on with it, or another --out"
+        return refused(said, options.json, USAGE)
     lessons = folder / "lessons"
     first, every = options.first_robot, options.robots + HELD_OUT
     rendering = [sys.executable, "-m", "sim_backend.vision.lessons", "--out", str(lessons), "--first", str(first)]
     if subprocess.run([*rendering, "--robots", str(every)], check=False, stdout=sys.stderr).returncode:
-        return _problem("the images to learn from could not be rendered", OTHER)
+        return refused("the images to learn from could not be rendered", options.json, OTHER)
     try:
         import torch
 
         from sim_backend.vision.tracker_training import Training
     except ImportError as error:
-        return _problem(
-            f"training needs packages that are not installed ({error.name}): {how_to_install('learning', 'vision')}", OTHER
-        )
+        said = f"training needs packages that are not installed ({error.name}): {how_to_install('learning', 'vision')}"
+        return refused(said, options.json, OTHER)
     if options.threads:
         torch.set_num_threads(options.threads)
     files = [lessons / f"robot-{first + k}.npz" for k in range(every)]
@@ -51,7 +52,8 @@ def main(arguments: list[str] | None = None) -> int:
         while training.epoch < options.epochs:
             print(json.dumps(training.learn()), file=sys.stderr, flush=True)
     except KeyboardInterrupt:
-        return _problem("stopped; with --resume it goes on from its checkpoint", INTERRUPTED)
+        print("stopped; with --resume it goes on from its checkpoint", file=sys.stderr)
+        return INTERRUPTED
     training.export(folder / NETWORK)
     said = {"network": str(folder / NETWORK), "bytes": (folder / NETWORK).stat().st_size, **training.told[-1]}
     print(json.dumps(said) if options.json else f"{said['network']}: {said['bytes']} bytes, held out: {training.told[-1]}")
@@ -69,11 +71,6 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--threads", type=int, default=None)
     parser.add_argument("--json", action="store_true")
     return parser
-
-
-def _problem(text: str, code: int) -> int:
-    print(f"error: {text}", file=sys.stderr)
-    return code
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@ import argparse
 import json
 import sys
 
+from sim_backend.refusal import EXIT_OTHER, refused
 from sim_backend.workers.cluster import status
 from sim_backend.workers.pool import WorkersError
 
@@ -17,8 +18,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         found = status(options.address)
     except WorkersError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
+        return refused(error, options.json, EXIT_OTHER)
     if options.json:
         print(json.dumps(found, indent=2))
         return 0

@@ -39,3 +39,9 @@ def test_unit_tests_stand_at_the_path_of_what_they_test(package):
 def test_every_folder_of_unit_tests_is_one_of_a_package():
     folders = {path.name for path in (ROOT / "tests/unit").iterdir() if (path / "__init__.py").is_file()}
     assert folders - OF_THE_TESTS <= set(PACKAGES)
+
+
+def test_the_map_of_the_readme_names_every_room_of_the_simulation():
+    (row,) = [line for line in (ROOT / "README.md").read_text().splitlines() if line.startswith("| `sim_backend` |")]
+    rooms = {path.parent.name for path in (ROOT / "sim_backend").glob("*/__init__.py")}
+    assert {room for room in rooms if f"`{room}`" not in row} == set()

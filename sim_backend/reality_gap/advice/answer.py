@@ -20,7 +20,7 @@ import numpy as np
 from sim_backend.excitations.excitation import EXCITATIONS
 from sim_backend.reality_gap.advice.advice import Advice, Advised, advice_after, first_advice
 from sim_backend.reality_gap.advice.course import NoFixedCourseError, targets, targets_for, write_csv
-from sim_backend.reality_gap.refusal import refused
+from sim_backend.refusal import refused
 
 FOLDER = "logs-next"
 _PLACEHOLDER, _ANY = "ROBOT", "any"

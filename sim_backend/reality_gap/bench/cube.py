@@ -31,11 +31,11 @@ from sim_backend.reality_gap.bench.cube_cases import (
     null_cases,
 )
 from sim_backend.reality_gap.knowledge.hidden import OF_CUBE
-from sim_backend.reality_gap.refusal import refused
 from sim_backend.reality_gap.subjects.cube.healthy import HealthyCubes, load_calibration
 from sim_backend.reality_gap.subjects.cube.study import CubeStudy, study_evidence
 from sim_backend.reality_gap.subjects.cube.summary import CubeEvidence
 from sim_backend.reality_gap.verdict import VerdictKind
+from sim_backend.refusal import refused
 from sim_backend.workers.pool import WorkersError, open_workers
 
 _LEFT_OUT = (VerdictKind.UNEXPLAINED, VerdictKind.CONFUSABLE, VerdictKind.NAMED, VerdictKind.NOTHING_WRONG)

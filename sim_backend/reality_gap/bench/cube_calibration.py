@@ -17,12 +17,12 @@ from sim_backend.reality_gap.bench.cube_limits import GAUSSIAN_CRITICAL, detecti
 from sim_backend.reality_gap.bench.cube_sessions import healthy_physics, sessions_with_pushes
 from sim_backend.reality_gap.knowledge.cube import COUNTED, KINDS, Count, Kind
 from sim_backend.reality_gap.quantiles import MEDIAN_SIZE
-from sim_backend.reality_gap.refusal import refused
 from sim_backend.reality_gap.subjects.cube.contact import CONTACT_NAMES
 from sim_backend.reality_gap.subjects.cube.healthy import PACKAGED, HealthyCubes
 from sim_backend.reality_gap.subjects.cube.hypotheses import Null, judge, largest_gains, misfit, without_worst
 from sim_backend.reality_gap.subjects.cube.replay import PushReplay
 from sim_backend.reality_gap.subjects.cube.summary import NAMES, CubeEvidence, CubeSummary, evidence_of, summary_of_evidence
+from sim_backend.refusal import refused
 from sim_backend.workers.pool import Workers, WorkersError, open_workers
 
 GROUP = 20

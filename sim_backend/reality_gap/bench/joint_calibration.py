@@ -21,11 +21,11 @@ from sim_backend.reality_gap.knowledge.healthy import NO_SESSIONS
 from sim_backend.reality_gap.knowledge.joint_effects import NUMBERS
 from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger
 from sim_backend.reality_gap.recording import Recording
-from sim_backend.reality_gap.refusal import refused
 from sim_backend.reality_gap.subjects.joints.identification import study_joints
 from sim_backend.reality_gap.subjects.joints.torques.look import Look
 from sim_backend.reality_gap.subjects.joints.torques.residual_patterns import patterns
 from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_torques import strongest_left
+from sim_backend.refusal import refused
 from sim_backend.trifinger.scene import compile_scene
 from sim_backend.workers.pool import WorkersError, open_workers
 

@@ -25,11 +25,11 @@ from sim_backend.reality_gap.knowledge.healthy import STANDARD, detection_limits
 from sim_backend.reality_gap.knowledge.hidden import AT_JOINTS
 from sim_backend.reality_gap.knowledge.joint_effects import FITTED
 from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger
-from sim_backend.reality_gap.refusal import refused
 from sim_backend.reality_gap.subjects.joints.identification import JointStudy, study_joints
 from sim_backend.reality_gap.subjects.joints.laws.hypotheses import PLATFORM
 from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_torques import judge
 from sim_backend.reality_gap.verdict import VerdictKind
+from sim_backend.refusal import refused
 from sim_backend.trifinger.scene import compile_scene
 from sim_backend.workers.pool import WorkersError, open_workers
 

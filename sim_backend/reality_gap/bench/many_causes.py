@@ -25,11 +25,11 @@ from sim_backend.reality_gap.knowledge.healthy import STANDARD, detection_limits
 from sim_backend.reality_gap.knowledge.joint_effects import NUMBERS, SCALES
 from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger
 from sim_backend.reality_gap.knowledge.value_errors import FILE, document, usual_error
-from sim_backend.reality_gap.refusal import refused
 from sim_backend.reality_gap.subjects.joints.identification import JointStudy, study_joints
 from sim_backend.reality_gap.subjects.joints.verdicts.causes import index_of, is_clear
 from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_torques import judge
 from sim_backend.reality_gap.verdict import Cause, VerdictKind
+from sim_backend.refusal import refused
 from sim_backend.trifinger.constants import JOINT_NAMES
 from sim_backend.trifinger.scene import compile_scene
 from sim_backend.workers.pool import WorkersError, open_workers

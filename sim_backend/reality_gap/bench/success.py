@@ -27,12 +27,12 @@ from sim_backend.reality_gap.bench.joint_sessions import EVERYTHING, simulated_r
 from sim_backend.reality_gap.bench.many_causes import robot
 from sim_backend.reality_gap.model.files import writable
 from sim_backend.reality_gap.model.model import physics_of
-from sim_backend.reality_gap.refusal import refused
 from sim_backend.reality_gap.study import verdict_of
 from sim_backend.reality_gap.subjects.subject import Material
 from sim_backend.reality_gap.success.gain import NOISE_SEED, success_gain
 from sim_backend.reality_gap.success.policy_file import load_policy
 from sim_backend.reality_gap.verdict import Cause
+from sim_backend.refusal import refused
 from sim_backend.tasks import TASKS
 from sim_backend.workers.pool import WorkersError, open_workers
 

@@ -33,7 +33,7 @@ from trial_logs.disk import put_in_place
 from trial_logs.reader import LogUnreadableError, TrialLog, read_log
 
 TRIALS_AT_ONCE = 50
-PHYSICS_STEP_S = 0.004
+TRAINING_STEP_S = 0.004
 """As in training; experts succeed as often as with 1 ms."""
 
 
@@ -112,7 +112,7 @@ def record_trials(
 ) -> Demonstrations:
     """Let a policy try the goals of the seeds on these robots, its actions disturbed; keeps the trials that succeed."""
     n, manifest = len(seeds), policy.manifest
-    episode, goal = begin_trials(manifest, TASKS[task], seeds, physics=physics, threads=1, physics_step_s=PHYSICS_STEP_S)
+    episode, goal = begin_trials(manifest, TASKS[task], seeds, physics=physics, threads=1, physics_step_s=TRAINING_STEP_S)
     policy.begin(n)
     deviation = rng.uniform(0, noise, (n, 1)) * c.MAX_TORQUE_NM
     seen, wanted = [], []

@@ -42,7 +42,7 @@ def test_what_is_no_term_is_said(text, words):
 
 
 def test_flat_layouts_have_the_width_and_order_of_the_published_datasets():
-    """Gürtler et al. 2023; the order of ``gymnasium.spaces.flatten`` over sorted keys (facts/trifinger.md, 1.9)."""
+    """Gürtler et al. 2023 (arXiv 2307.15690); the order of ``gymnasium.spaces.flatten`` over sorted keys."""
     assert {name: LAYOUTS[name].observation_size for name in ("rrc2022-push-flat", "rrc2022-lift-flat")} == {
         "rrc2022-push-flat": 97,
         "rrc2022-lift-flat": 139,

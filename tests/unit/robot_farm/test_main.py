@@ -23,6 +23,7 @@ class Robot:
         open(settings.data / "written", "w").close()
         print("mode", oct((settings.data / "written").stat().st_mode & 0o777), "dumpable", ctypes.CDLL(None).prctl(3))
         print("seed", settings.farm_seed)
+        print("left", sorted(name for name in os.environ if "RESERV_" in name))
 
     def live_until(self, stop):
         pass
@@ -35,10 +36,12 @@ sys.exit(main.main())
 def test_a_robots_files_and_memory_are_its_own(tmp_path):
     """The process as it is started, with a robot in it that only says what it sees."""
     command = [sys.executable, "-c", _LOOK, "--robot", "robot-0", *NEEDED, "--data", str(tmp_path), "--physics", "nominal"]
-    environment = os.environ | {TOKEN_VARIABLE: "token", FARM_SEED_VARIABLE: "41"}
+    environment = os.environ | {TOKEN_VARIABLE: "token", FARM_SEED_VARIABLE: "41", "TRIFARM_ROBOT_RESERV_BYTES": "0"}
     said = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=WITHIN_S, check=True).stdout
     assert "mode 0o600 dumpable 0" in said
     assert "seed 41" in said
+    assert "no program of trifarm reads TRIFARM_ROBOT_RESERV_BYTES; did you mean TRIFARM_ROBOT_RESERVE_BYTES?" in said
+    assert "left []" in said, "a supervisor's robots would say it again"
 
 
 def test_no_command_line_of_a_robot_has_the_farms_seed(tmp_path):

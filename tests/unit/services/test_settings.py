@@ -1,3 +1,5 @@
+import json
+import os
 import subprocess
 import sys
 from types import SimpleNamespace
@@ -49,3 +51,14 @@ def test_importing_the_services_loads_neither_physics_nor_learning():
     code = f"import services.serve, services.__main__, sys; print(sorted({heavy} & set(sys.modules)))"
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert ran.stdout.strip() == "[]"
+
+
+def test_a_variable_that_nobody_reads_is_told_at_the_start(tmp_path):
+    """The process itself: a misspelt setting had no effect, and nobody heard of it."""
+    command = [sys.executable, "-P", "-m", "services", "bus-key", "--data", str(tmp_path)]
+    environment = os.environ | {"TRIFARM_KEEP_LOG_DAYS": "30", "TRIFARM_FARM_KEY": "5a" * 32}
+    ended = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60, check=True)
+    (told,) = (json.loads(line) for line in ended.stderr.splitlines())
+    assert told["level"] == "warning"
+    assert told["reason"] == "no program of trifarm reads TRIFARM_KEEP_LOG_DAYS; did you mean TRIFARM_KEEP_LOGS_DAYS?"
+    assert len(ended.stdout.splitlines()) == 1

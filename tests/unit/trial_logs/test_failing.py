@@ -35,7 +35,6 @@ def trial(way, *, tips=None, turned_rad=0.0, goal=GOAL, blind=None, judged_m=Non
         goal_m=goal,
         goal_quat_wxyz=None,
         goal_tips_m=None,
-        state_t_s=STATE_S,
         velocity_rad_s=np.zeros((len(STATE_S), 9)),
         applied_nm=np.zeros((len(STATE_S), 9)),
         tips_m=np.zeros((len(STATE_S), 3, 3)),

@@ -59,6 +59,46 @@ def test_a_webhook_is_passed_on(farm, weights):
     assert asked.webhook == "https://example.org/ended"
 
 
+def test_a_name_a_note_and_a_key_go_with_the_job(farm, weights):
+    with Farm() as connection:
+        connection.submit(weights, task="push", layout="rrc2022-push", name="third", note="more reward", idempotency_key="mine")
+        with pytest.raises(ClientError, match="the name has 1000 characters"):
+            connection.submit(weights, task="push", layout="rrc2022-push", name="n" * 1000)
+    ((asked, key),) = farm.submissions
+    assert (asked.name, asked.note, key) == ("third", "more reward", "mine")
+
+
+def test_what_is_strange_about_a_policy_is_a_warning_before_the_job(farm, weights, tmp_path):
+    farm.warnings = ("the output is constant",)
+    other = tmp_path / "other.onnx"
+    other.write_bytes(b"other weights")
+    with Farm() as connection, pytest.warns(UserWarning) as heard:
+        connection.submit(weights, task="lift", layout="rrc2022-push", against=str(other), until_known=True)
+    of_another = "the policy reads rrc2022-push, the layout of push, and the job is lift, whose goals are of another kind"
+    own = ["the output is constant", of_another]
+    assert [str(each.message) for each in heard] == [f"other.onnx: {text}" for text in own] + own
+    assert {each.filename for each in heard} == {__file__}, "they name the caller's line"
+    assert len(farm.submissions) == 1
+    with Farm() as connection, pytest.raises(UserWarning):  # as an error it leaves no job behind that nobody knows of
+        connection.submit(weights, task="push", layout="rrc2022-push")
+    assert len(farm.submissions) == 1
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"until_known": True}, "until_known needs against JOB|POLICY or bar RATE"),
+        ({"bar": 0.5}, "against, bar, max_trials and at_least go with until_known; .* take like JOB and 'trifarm compare'"),
+        ({"until_known": True, "bar": 0.5, "trials": 4}, "until_known takes max_trials N .*, not trials"),
+        ({"task": None}, "task names what is asked"),
+    ],
+)
+def test_what_contradicts_is_told_with_arguments(farm, weights, wrong, said):
+    with Farm() as connection, pytest.raises(ClientError, match=said) as refused:
+        connection.submit(weights, **{"task": "push", "layout": "rrc2022-push"} | wrong)
+    assert "--" not in str(refused.value) == refused.value.detail
+
+
 def test_files_may_be_named_by_strings(farm, weights, tmp_path):
     manifest = tmp_path / "other.json"
     manifest.write_text(LAYOUTS["rrc2022-push"].model_dump_json())

@@ -63,6 +63,24 @@ def test_a_broken_promise_is_shown_and_exits_with_1(ran):
     assert "promises BROKEN" in result.stdout
 
 
+def test_a_file_that_cannot_be_written_is_said_before_the_run(ran, tmp_path):
+    for out in (tmp_path, tmp_path / "none" / "run.json"):
+        result, asked = ran(document(), 0, "--out", str(out))
+        assert str(result.exception).startswith(f"cannot write {out}: ")
+        assert not asked, "nothing was started"
+
+
+@pytest.mark.parametrize("as_json", [False, True])
+def test_a_file_that_takes_nothing_at_the_end_costs_no_run(ran, as_json):
+    result, _ = ran(document(), 0, "--out", "/dev/full", *(["--json"] if as_json else []))
+    assert str(result.exception) == "cannot write /dev/full: No space left on device"
+    assert result.exception.after_document is as_json
+    if as_json:
+        assert json.loads(result.stdout) == json.loads(json.dumps(document()))
+    else:
+        assert "promises kept" in result.stdout
+
+
 def test_json_is_the_document(ran):
     result, _ = ran(document(), 0, "--json")
     assert json.loads(result.stdout) == json.loads(json.dumps(document()))

@@ -71,7 +71,7 @@ def test_a_layout_that_does_not_fit_is_shown_beside_one_that_does(capfd, tmp_pat
     assert code == 5
     rows = [[cell.strip() for cell in line.split(" | ")] for line in err.splitlines()]
     assert ["42-65 goal_keypoints_world_m 24", "42-44 goal_position_world_m 3"] in rows
-    assert "--layout rrc2022-push fits" in err
+    assert "the layout rrc2022-push fits" in err
 
 
 def test_an_absent_file_is_wrong_usage(capfd, tmp_path):

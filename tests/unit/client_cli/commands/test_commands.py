@@ -18,14 +18,16 @@ READING += [
     ["token", "revoke", "t1"],
 ]
 READING += [["token", "create", "--owner", "ann", "--scope", "submit"], ["fetch", JOB_ID, "--to", "unused"]]
+LOCAL = [["layouts"], ["layouts", "push"], ["effects"]]
 
 
 def name_of(command):
     return " ".join(command[:2])
 
 
-@pytest.mark.parametrize("command", READING[:-1], ids=name_of)
-def test_json_is_exactly_one_document(farm, trifarm, command):
+@pytest.mark.parametrize("command", READING[:-1] + LOCAL + [["fetch", JOB_ID, "--table", "t.csv"]], ids=name_of)
+def test_json_is_exactly_one_document(farm, trifarm, monkeypatch, tmp_path, command):
+    monkeypatch.chdir(tmp_path)
     ended = trifarm(*command, "--json")
     assert ended.code == 0
     assert isinstance(ended.document, dict)
@@ -124,6 +126,12 @@ def test_jobs_can_be_filtered_and_paged(farm, trifarm):
     assert JOB_ID in trifarm("jobs").out
     assert trifarm("jobs").err == "more: trifarm jobs --cursor more\n"
     assert trifarm("jobs", "--state", "queued", "--json").document["jobs"] == []
+
+
+def test_the_command_for_the_next_page_asks_for_the_same_jobs(farm, trifarm):
+    state = farm.state.value
+    asked = trifarm("jobs", "--state", state, "--limit", "5", "--search", "reward")
+    assert asked.err == f"more: trifarm jobs --state {state} --limit 5 --search reward --cursor more\n"
 
 
 def test_status_tells_problems(farm, trifarm):

@@ -41,6 +41,15 @@ def test_the_trials_are_fetched_as_a_table(farm, trifarm, tmp_path, suffix):
     assert [path.name for path in tmp_path.iterdir()] == [table.name], "no log was asked for"
 
 
+def test_json_says_where_the_table_is_with_logs_and_without(farm, trifarm, folder, tmp_path):
+    table = tmp_path / "trials.csv"
+    alone = trifarm("fetch", JOB_ID, "--table", str(table), "--json")
+    assert (alone.code, alone.document) == (0, {"job_id": JOB_ID, "table": str(table)})
+    both = trifarm("fetch", JOB_ID, "--table", str(table), "--to", str(folder), "--json").document
+    assert both["table"] == str(table) and len(both["logs"]) == len(LOGS)
+    assert trifarm("fetch", JOB_ID, "--to", str(folder), "--json").document["table"] is None
+
+
 def test_a_table_of_no_known_kind_and_nothing_to_fetch_are_refused(farm, trifarm, tmp_path):
     for arguments in (["--table", str(tmp_path / "x.xls")], []):
         ended = trifarm("fetch", JOB_ID, *arguments)

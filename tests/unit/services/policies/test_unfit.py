@@ -12,7 +12,7 @@ def test_both_lists_stand_side_by_side_with_the_nearest_layout():
     assert [rows[0][0].strip(), rows[0][1]] == ["the manifest", "layout rrc2022-push"]
     assert [rows[3][0].strip(), rows[3][1]] == ["18-20 cube_position_world_m 3", "18-41 cube_keypoints_world_m 24"]
     assert "the network takes 54" in said["detail"]
-    assert "--layout rrc2022-push fits" in said["instead"]
+    assert "the layout rrc2022-push fits" in said["instead"]
 
 
 def test_without_a_layout_that_fits_the_fields_are_listed():

@@ -7,12 +7,12 @@ import pytest
 
 from sim_backend.reality_gap.bench.cube import judge_case, main, results
 from sim_backend.reality_gap.bench.cube_cases import CubeCase, save_evidence
-from sim_backend.reality_gap.refusal import EXIT_UNUSABLE
 from sim_backend.reality_gap.subjects.cube.healthy import load_calibration
 from sim_backend.reality_gap.subjects.cube.study import CubeStudy, study_cube, study_evidence
 from sim_backend.reality_gap.subjects.cube.summary import CubeEvidence
 from sim_backend.reality_gap.subjects.cube.tracker import TrackerStatistics
 from sim_backend.reality_gap.verdict import Cause, Verdict, VerdictKind
+from sim_backend.refusal import EXIT_UNUSABLE
 
 
 def _study(kind: VerdictKind, *effects: str) -> CubeStudy:

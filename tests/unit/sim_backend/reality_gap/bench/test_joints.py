@@ -3,7 +3,7 @@ import json
 import pytest
 
 from sim_backend.reality_gap.bench import joints
-from sim_backend.reality_gap.refusal import EXIT_UNUSABLE
+from sim_backend.refusal import EXIT_UNUSABLE
 
 
 @pytest.mark.parametrize("out", ["/proc/nothing", "/dev/null"])

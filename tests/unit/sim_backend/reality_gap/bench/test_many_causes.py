@@ -10,7 +10,7 @@ from sim_backend.reality_gap.bench.joint_sessions import healthy_physics
 from sim_backend.reality_gap.bench.many_causes import hidden_effects, main, robot, summary
 from sim_backend.reality_gap.knowledge.healthy import detection_limits
 from sim_backend.reality_gap.knowledge.joint_effects import SCALES
-from sim_backend.reality_gap.refusal import EXIT_UNUSABLE
+from sim_backend.refusal import EXIT_UNUSABLE
 from sim_backend.trifinger.constants import JOINT_NAMES
 
 KEY = "coulomb_friction.torque_nm"

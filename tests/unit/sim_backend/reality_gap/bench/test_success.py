@@ -6,7 +6,7 @@ import pytest
 
 from api_schemas.policy import LAYOUTS
 from sim_backend.reality_gap.bench.success import EXTENDED, MEASURED, NOMINAL, main, summary
-from sim_backend.reality_gap.refusal import EXIT_UNUSABLE
+from sim_backend.refusal import EXIT_UNUSABLE
 from tests import graphs
 
 STUDIES = [{"seed": seed, "verdict": "named", "causes": []} for seed in (1, 2)]

@@ -1,0 +1,29 @@
+"""How commands that run in a process of their own say why they failed: a line, and the one document of ``--json``."""
+
+import json
+import sys
+
+from api_schemas.error import error_document
+
+EXIT_OTHER, EXIT_UNUSABLE = 1, 2
+TITLES = {EXIT_OTHER: "error", EXIT_UNUSABLE: "wrong usage"}
+
+
+def refused(error: Exception | str, as_json: bool, code: int = EXIT_UNUSABLE) -> int:
+    """Say it in a line on stderr and, if JSON was asked for, in the one document on stdout.
+
+    Not for Ctrl-C, of which ``trifarm`` prints the document itself, when the process has ended.
+
+    Args:
+        error: what was raised, or a sentence.
+        as_json: whether JSON was asked for.
+        code: the exit code, one of ``TITLES``.
+
+    Returns:
+        The exit code.
+    """
+    said = f"cannot use {error.filename}: {error.strerror}" if isinstance(error, OSError) and error.filename else str(error)
+    if as_json:
+        print(json.dumps(error_document(TITLES[code], said, code)))
+    print(f"error: {said}", file=sys.stderr)
+    return code
