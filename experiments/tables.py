@@ -85,6 +85,12 @@ def contrasts(judged: Sequence[Judged]) -> Iterator[str]:
         by = "" if each.found is None else _set_by(each.found)
         yield f"| {each.contrast.name}{whose} | {said} | {by} | {of_interest}, {UNITS[each.contrast.measure]} | {said_of(each)} |"
     yield from _which_interval({each.contrast.measure for each in judged if each.found is not None})
+    if any(each.verdict is Verdict.UNDECIDED and each.observed is not None for each in judged):
+        yield ""
+        yield (
+            "Beside what is undecided stands what as many trials would tell by the same rule, were the true difference that of "
+            "interest, and the same on all robots: where robots set the interval it is less."
+        )
 
 
 def _set_by(found: Difference) -> str:
@@ -126,12 +132,11 @@ def notes_of(judged: Judged) -> str:
 
 
 def _power(contrast: Contrast, found: Difference, seen: Observed) -> str:
-    shown = (
-        f"that less than {contrast.interest:g} is lost where nothing is" if contrast.loss else f"a gain of {contrast.interest:g}"
-    )
+    loss, gain = f"that less than {contrast.interest:g} is lost where nothing is lost", f"a gain of {contrast.interest:g}"
     spread = "" if seen.spread is None else f"trainings spread by {seen.spread:.2f} and "
     changing = "" if seen.changing is None else f", {spread}{seen.changing:.0%} of the goals ending differently"
-    return f"power {power_as_observed(contrast, found, seen):.0%} for {shown}{changing}, as observed"
+    power = f"power {power_as_observed(contrast, found, seen):.0%} to tell {loss if contrast.loss else gain}"
+    return f"{power}{changing}, as observed"
 
 
 def arrivals(found: Findings) -> Iterator[str]:

@@ -173,7 +173,7 @@ def test_what_stays_undecided_is_told_with_the_power_that_its_own_trials_give(tm
     assert judged.observed.spread == pytest.approx((of_differences**2 - chance) ** 0.5)
     expected = power(Design(2, 10, 0.2, robots=1, first=0.4, changing=judged.observed.changing), 0.2, judged.observed.spread)
     page = experiment_page(found, figure=True)
-    assert f"undecided (power {expected:.0%} for a gain of 0.2, trainings spread by 0.40 and 30% of the goals" in page
+    assert f"undecided (power {expected:.0%} to tell a gain of 0.2, trainings spread by 0.40 and 30% of the goals" in page
 
 
 def test_runs_that_never_arrive_on_either_side_tell_no_saving(tmp_path):
