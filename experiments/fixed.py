@@ -138,8 +138,9 @@ def _what_power_is(experiment: Experiment, measured: Assumed) -> str:
         return f"{said}assumed."
     earlier = CATALOGUE[experiment.again]
     return (
-        f"{said}as in ({earlier.letter}), or, where its pairs say nothing, as in all earlier experiments together; the spread is "
-        "that of all earlier contrasts of several trainings, the chance of their trials taken off."
+        f"{said}as in ({earlier.letter}), the first cell as where the same policies were tried before; where no pairs say it, as "
+        "in all earlier experiments together. The spread is that of all earlier contrasts of several trainings, the chance of "
+        "their trials taken off."
     )
 
 

@@ -27,9 +27,10 @@ class Precedent:
 class Assumed:
     """What is assumed of a contrast's trials; None where no earlier result says it.
 
-    ``first`` and ``changing`` are means over the same contrasts asked before on the same kind of robots, ``changing`` over all
-    precedents where those do not say it. ``spread`` is the root of the mean square over all precedents of several runs, and
-    ``largest`` the largest of them. What a floor or a ceiling hides counts for ``first`` alone.
+    ``first`` and ``changing`` are means over the same contrasts asked before on the same kind of robots: ``first`` is that of the
+    same policies where another experiment has tried them, ``changing`` goes over all precedents where those contrasts do not say
+    it. ``spread`` is the root of the mean square over all precedents of several runs, and ``largest`` the largest of them. What a
+    floor or a ceiling hides counts for ``first`` alone.
     """
 
     first: float | None
@@ -91,8 +92,14 @@ def assumed(experiment: Experiment, contrast: Contrast, before: Sequence[Precede
     ]
     changing = _told(alike, "changing") or _told(before, "changing")
     spreads = _told(before, "spread")
+    cell = experiment.cell(contrast.first)
+    same = [
+        each
+        for each in before
+        if (each.experiment.name, each.contrast.first, each.physics) == (cell.runs_of, cell.runs_of_cell, contrast.farm)
+    ]
     return Assumed(
-        _mean([each.shown.first for each in alike]) if alike else None,
+        _mean([each.shown.first for each in same or alike]) if same or alike else None,
         _mean(changing) if changing else None,
         math.sqrt(_mean([each**2 for each in spreads])) if spreads else None,
         max(spreads, default=None),
