@@ -12,9 +12,12 @@ from experiments.judging import (
     Arrival,
     Chance,
     Difference,
+    Observed,
     Verdict,
     arrival,
     hidden_effect,
+    hidden_success,
+    observed,
     paired_goals,
     paired_success,
     times_fewer,
@@ -32,21 +35,23 @@ Runs = Mapping[str, Sequence[tuple[int, Mapping[str, Any]]]]
 
 @dataclass(frozen=True)
 class Judged:
-    """A contrast with what was found."""
+    """A contrast with what was found; ``observed`` of paired trials alone, where no floor or ceiling hides the effect."""
 
     contrast: Contrast
     found: Difference | None
     verdict: Verdict
     note: str = ""
+    observed: Observed | None = None
 
 
 @dataclass(frozen=True)
 class _Sides:
-    """What was found, why it may be hidden, and what is to be said beside it."""
+    """What was found, why it may be hidden, what is to be said beside it, and what the trials show beside their difference."""
 
     found: Difference | None
     hidden: str = ""
     notes: tuple[str, ...] = ()
+    observed: Observed | None = None
 
 
 def judge(contrast: Contrast, experiment: Experiment, store: Store, runs: Runs) -> Judged:
@@ -71,7 +76,9 @@ def judge(contrast: Contrast, experiment: Experiment, store: Store, runs: Runs) 
             notes.append(_continued(len(other.seeds)))
     if contrast.repeats:
         notes.append(f"repeats {contrast.repeats}, not counted again")
-    return Judged(contrast, sides.found, said, "; ".join(notes))
+    if contrast.known_from:
+        notes.insert(0, f"known from {contrast.known_from}")
+    return Judged(contrast, sides.found, said, "; ".join(notes), None if sides.hidden else sides.observed)
 
 
 def _continued(runs: int) -> str:
@@ -101,10 +108,10 @@ def _success(contrast: Contrast, experiment: Experiment, store: Store, first: Ce
     robots = None if before.robots is None or after.robots is None else (before.robots, after.robots)
     if (found := paired_success(before.reached, after.reached, robots)) is None:
         return _Sides(None)
-    rates = [mean(reached for run in side.reached for reached in run.values()) for side in (before, after)]
     moved = 0 if robots is None else sum(a[goal] != b[goal] for a, b in zip(*robots, strict=True) for goal in a.keys() & b.keys())
     notes = (f"{moved} of {found.n} pairs on two robots",) if moved else ()
-    return _Sides(found, hidden_effect(contrast, found, *rates), notes)
+    hidden = hidden_success(contrast, found, before.reached, after.reached)
+    return _Sides(found, hidden, notes, observed(before.reached, after.reached))
 
 
 def _goals(contrast: Contrast, experiment: Experiment, store: Store, first: Cell, other: Cell) -> _Sides:
@@ -146,6 +153,10 @@ def _samples(experiment: Experiment, first: Cell, other: Cell, runs: Runs) -> _S
         sides.append(arrived)
         if never := sum(each.by is None for each in arrived):
             late.append(f"{never} of {len(arrived)} runs of {cell.name} never arrived")
+        if cloned := sum(each.before_practice for each in arrived):
+            late.append(f"{cloned} of {len(arrived)} runs of {cell.name} were there before any PPO, by cloning alone")
+    if all(each.before_practice for side in sides for each in side):
+        late.append("a constant of the design: only numbers of demonstrations are compared")
     return _Sides(times_fewer(*sides), notes=tuple(late))
 
 

@@ -8,6 +8,9 @@ from typing import Any
 BUILTIN = "builtin:"
 FARM_SEED = 9001
 """Of every experiment's farm, so that all meet the same robots."""
+START_SEEDS = 500_000_000
+"""From here on the seeds of starts of single runs. A run that had its start's seed would practise its goals once more where
+robots are nominal, for which nothing else is drawn. Resuming, which adds 1,000,003 each time, leads to none of them."""
 
 
 def robots_in_words(*physics: str) -> str:
@@ -30,7 +33,8 @@ class Demonstrations:
 class Start:
     """A training that the runs of several cells go on from, its critic included.
 
-    It is made once, of one seed, or with ``of_each_seed`` once for each seed of the runs, which then share nothing.
+    It is made once, of one seed, or with ``of_each_seed`` once for each seed of the runs, which then share nothing. It is trained
+    on ``threads``, as many on every machine: sums of another number of threads are rounded otherwise, and make another training.
     """
 
     name: str
@@ -38,10 +42,13 @@ class Start:
     samples_per_s: float
     of_each_seed: bool = False
     seed: int = 1
+    threads: int = 2
 
     def of(self, seed: int) -> "Start":
-        """That which a run of this seed goes on from."""
-        return replace(self, name=f"{self.name}-seed{seed}", seed=seed, of_each_seed=False) if self.of_each_seed else self
+        """That which a run of this seed goes on from; it practises other goals than any run (:data:`START_SEEDS`)."""
+        if not self.of_each_seed:
+            return self
+        return replace(self, name=f"{self.name}-seed{seed}", seed=START_SEEDS + seed, of_each_seed=False)
 
     @property
     def seconds(self) -> float:
@@ -192,7 +199,8 @@ class Contrast:
     ``farm`` is the physics of the trials, ``first_farm`` that of the first one's if it is another. With ``loss`` no gain is
     expected but that less than ``interest`` is lost. For :attr:`Measure.KNOWN` ``first`` and ``other`` are the same cell and
     ``parameter`` says what is predicted. ``ours`` is a question that no paper answers: it is found or not, and nothing is
-    reproduced. ``repeats`` names the contrast of another experiment whose policies these are, so that it is not counted twice.
+    reproduced. ``repeats`` names the contrast of another experiment whose policies these are, so that it is not counted twice,
+    and ``known_from`` an earlier experiment whose results gave the answer away when this was written down.
     """
 
     name: str
@@ -206,6 +214,7 @@ class Contrast:
     loss: bool = False
     ours: bool = False
     repeats: str = ""
+    known_from: str = ""
 
     @property
     def of_first(self) -> str:
@@ -228,7 +237,8 @@ class Experiment:
     """All of it; ``limits`` says what is not as in the papers.
 
     ``again`` names an earlier experiment that asked the same with less power: once all of this one is there it counts, and the
-    earlier one no more, whose page stays.
+    earlier one no more, whose page stays. ``since`` is what was changed before its first trial that counts, or said of it later,
+    each with its date.
     """
 
     letter: str
@@ -246,6 +256,7 @@ class Experiment:
     reaches: float = 0.8
     quick: bool = field(default=False)
     again: str = ""
+    since: tuple[str, ...] = ()
 
     def cell(self, name: str) -> Cell:
         """A cell by its name.

@@ -1,16 +1,17 @@
 """What the kept results say: rates, curves, goals in a row and what memories know, cell by cell, and the contrasts."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from experiments.consecutive import summary
 from experiments.contrasts import Judged, Runs, arrivals, demonstrated_periods, judge, known_by_parameter, of_farm
-from experiments.design import Cell, Experiment
+from experiments.design import Cell, Experiment, Measure
 from experiments.judging import Arrival, rate_interval
 from experiments.plan import Piece, TrainingPiece, missing, pieces
+from experiments.precedents import Assumed, assumed, precedents
 from experiments.provenance import Versions
 from experiments.store import MEASURED, TRIALS, Key, Store
 
@@ -65,7 +66,12 @@ class InARow:
 
 @dataclass(frozen=True)
 class Findings:
-    """All that there is of one experiment; ``versions`` is what made it, by the kind of result."""
+    """All that there is of one experiment.
+
+    ``versions`` is what made it, by the kind of result, ``trained_by`` the same of each training, ``aside`` how much of each kind
+    does not count any more, and ``assumed`` what earlier results say for the power of each contrast of
+    paired trials, where the experiment asks an earlier one again.
+    """
 
     experiment: Experiment
     rates: tuple[Rate, ...]
@@ -77,6 +83,9 @@ class Findings:
     judged: tuple[Judged, ...]
     left: tuple[Piece, ...]
     versions: Mapping[str, Versions]
+    trained_by: Sequence[Sequence[Mapping[str, str]]]
+    aside: Mapping[str, int]
+    assumed: Mapping[str, Assumed]
 
     @property
     def state(self) -> str:
@@ -92,7 +101,12 @@ class Findings:
 
 
 def findings(experiment: Experiment, store: Store) -> Findings:
-    """Read everything and judge it."""
+    """Read everything and judge it.
+
+    Raises:
+        StoreError: something is of another design, or does not go together.
+    """
+    store.begun_with()
     runs = {
         cell.name: [(seed, run) for seed in cell.seeds if (run := store.run(cell, seed)) is not None]
         for cell in experiment.cells
@@ -109,7 +123,18 @@ def findings(experiment: Experiment, store: Store) -> Findings:
         tuple(judge(contrast, experiment, store, runs) for contrast in experiment.contrasts),
         tuple(missing(experiment, store)),
         {kind: versions for kind in (TRIALS, MEASURED) if (versions := store.versions(kind)).parts},
+        store.trained_by(),
+        store.aside(),
+        _assumed(experiment, store),
     )
+
+
+def _assumed(experiment: Experiment, store: Store) -> dict[str, Assumed]:
+    paired = [each for each in experiment.contrasts if each.measure is Measure.SUCCESS]
+    if not paired or not experiment.again or experiment.quick:
+        return {}
+    before = precedents(lambda earlier: replace(store, experiment=earlier))
+    return {each.name: assumed(experiment, each, before) for each in paired}
 
 
 def _rates(experiment: Experiment, store: Store):

@@ -7,6 +7,7 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cache
 
 import numpy as np
 from scipy.stats import t
@@ -75,6 +76,11 @@ class Arrival:
         """At the evaluation that showed it; the budget if none did."""
         return self.after if self.by is None else self.by
 
+    @property
+    def before_practice(self) -> bool:
+        """Whether the first evaluation, of what was cloned before any practice, showed it already."""
+        return self.by == self.after
+
 
 def verdict(contrast: Contrast, found: Difference | None, hidden: str = "") -> Verdict:
     """What a difference says.
@@ -130,6 +136,53 @@ Robots = Sequence[Mapping[int, str]]
 """Of each run of a cell which robot tried each goal."""
 
 
+def success_rate(runs: Outcomes) -> float:
+    """Over all trials of all runs."""
+    return sum(sum(run.values()) for run in runs) / sum(map(len, runs))
+
+
+def hidden_success(contrast: Contrast, found: Difference, first: Outcomes, other: Outcomes) -> str:
+    """:func:`hidden_effect` of paired trials."""
+    return hidden_effect(contrast, found, success_rate(first), success_rate(other))
+
+
+@dataclass(frozen=True)
+class Observed:
+    """What trials show of that which a power assumes.
+
+    ``spread`` is the standard deviation of the runs' true differences: that of their differences with the chance of their trials
+    taken off, at least 0; None for a single run. ``changing`` is the share of goals that the two sides end differently, None
+    where only rates were kept, and ``first`` the success rate of the first cell.
+    """
+
+    spread: float | None
+    changing: float | None
+    first: float
+
+
+def observed(first: Outcomes, other: Outcomes) -> Observed:
+    """Of paired trials, run by run on the same goals.
+
+    Args:
+        first: of the first cell; at least one run has goals in common with its other.
+        other: of the other cell.
+    """
+    sides = zip(first, other, strict=False)
+    of_runs = [[int(after[goal]) - int(before[goal]) for goal in before if goal in after] for before, after in sides]
+    changes = [each for each in of_runs if each]
+    differences = [sum(each) / len(each) for each in changes]
+    chance = [float(np.var(each)) / max(len(each) - 1, 1) for each in changes]
+    changing = sum(map(abs, (change for each in changes for change in each))) / sum(map(len, changes))
+    return Observed(true_spread(differences, chance), changing, success_rate(first))
+
+
+def true_spread(differences: Sequence[float], chance: Sequence[float]) -> float | None:
+    """Standard deviation of what lies behind differences that are each known up to a chance of this variance."""
+    if len(differences) < 2:
+        return None
+    return math.sqrt(max(0.0, float(np.var(differences, ddof=1)) - float(np.mean(chance))))
+
+
 def paired_success(first: Outcomes, other: Outcomes, robots: tuple[Robots, Robots] | None = None) -> Difference | None:
     """Difference of success rates on the same goals.
 
@@ -161,7 +214,7 @@ def paired_success(first: Outcomes, other: Outcomes, robots: tuple[Robots, Robot
         return None
     intervals = {Chance.TRIALS: paired_interval(gained, lost, pairs, LEVEL)}
     if len(of_runs) > 1:
-        intervals |= {Chance.RUNS: _around(of_runs), Chance.GOALS: _around([float(np.mean(each)) for each in of_goals.values()])}
+        intervals |= {Chance.RUNS: _around(of_runs), Chance.GOALS: _around([sum(each) / len(each) for each in of_goals.values()])}
     shared = 0
     if robots is not None:
         rates = [_of_robots(*side, of_goals) for side in zip((first, other), robots, strict=True)]
@@ -197,7 +250,7 @@ def _of_robots(runs: Outcomes, robots: Robots, goals: Collection[int]) -> dict[s
         for goal, reached in run.items():
             if goal in goals:
                 found.setdefault(did[goal], []).append(reached)
-    return {robot: float(np.mean(each)) for robot, each in found.items()}
+    return {robot: sum(each) / len(each) for robot, each in found.items()}
 
 
 def _around(values: Sequence[float]) -> tuple[float, float]:
@@ -221,8 +274,14 @@ def student(values: Sequence[float], least_spread: float = 0.0) -> Difference:
     if n < 2:
         return Difference(mean, -math.inf, math.inf, n, n)
     spread = max(float(np.std(values, ddof=1)), least_spread)
-    half = float(t.ppf((1 + LEVEL) / 2, n - 1)) * spread / math.sqrt(n)
+    half = _quantile(n - 1) * spread / math.sqrt(n)
     return Difference(mean, mean - half, mean + half, n, n)
+
+
+@cache
+def _quantile(freedom: int) -> float:
+    """Student's, of an interval's upper end."""
+    return float(t.ppf((1 + LEVEL) / 2, freedom))
 
 
 def paired_goals(first: Sequence[int], other: Sequence[int]) -> Difference:

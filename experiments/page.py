@@ -2,19 +2,29 @@
 
 from collections.abc import Iterator, Sequence
 
-from api_schemas.physics import NOMINAL
 from experiments.catalogue import CATALOGUE, HOURS_AGAIN, HOURS_ALLOWED
 from experiments.contrasts import Judged
-from experiments.design import Claim, Experiment, Measure
-from experiments.findings import COMPLETE, Findings, own_training
+from experiments.design import Claim, Experiment
+from experiments.findings import COMPLETE, Findings
+from experiments.fixed import JOBS, fixed
 from experiments.judging import Verdict
 from experiments.plan import hours, pieces, spoken
-from experiments.power import CHANGING_SIDES, REPETITIONS, SPREAD, SPREAD_OF_ARRIVALS, Design, power, power_of_arrivals
-from experiments.tables import NOT_RUN, arrivals, cells, contrasts, in_a_row, known, made_by, many_goals, rate, said_of, shown
+from experiments.tables import (
+    NOT_RUN,
+    arrivals,
+    cells,
+    contrasts,
+    in_a_row,
+    known,
+    made_by,
+    many_goals,
+    notes_of,
+    rate,
+    said_of,
+    shown,
+)
 
 __all__ = ["experiment_page", "overview", "shown"]
-JOBS = 2
-"""Trainings side by side, for what is said of hours."""
 BY_CHANCE = 0.1
 """Share of gains that read as reproduced where there is none: the upper tail of an interval at 80 %."""
 HEADINGS = {
@@ -47,8 +57,9 @@ def experiment_page(found: Findings, figure: bool) -> str:
         f"trifarm experiment {experiment.name}{' --quick' if experiment.quick else ''}",
         "```",
         "",
-        *_budget(found),
+        *fixed(found),
         "",
+        *_since(experiment),
         "## What the papers say",
         "",
         *(f"- {claim.text}{f': {claim.figure}' if claim.figure else ''} ({claim.source})" for claim in experiment.claims),
@@ -96,7 +107,8 @@ def overview(all_found: Sequence[Findings]) -> str:
         "",
         _time(all_found),
         "",
-        f"Of {len(claimed)} contrasts that a paper claims: {_tally(claimed, tuple(HEADINGS))}. {_by_chance(claimed)}",
+        f"Of {len(claimed)} contrasts that a paper claims: {_tally(claimed, tuple(HEADINGS))}.{_known(claimed)} "
+        f"{_by_chance(claimed)}",
         "",
     ]
     for kind, heading in HEADINGS.items():
@@ -125,6 +137,12 @@ def _asked_twice(experiment: Experiment) -> Iterator[str]:
             yield from ("", f"Asked again with more power: {_link(later)}.")
 
 
+def _since(experiment: Experiment) -> Iterator[str]:
+    """What was changed or said after the first form of the design, each with its date."""
+    if experiment.since:
+        yield from ("Since then:", "", *(f"- {each}" for each in experiment.since), "")
+
+
 def _link(experiment: Experiment) -> str:
     return f"[({experiment.letter}) {experiment.title}]({experiment.name}.md)"
 
@@ -151,11 +169,21 @@ def _answer(found: Findings, name: str) -> str:
 
 
 def _bold(each: Judged) -> str:
-    return f"**{each.verdict}**" + (f" ({each.note})" if each.note else "")
+    return f"**{each.verdict}**{notes_of(each)}"
 
 
 def _tally(judged: Sequence[tuple[Findings, Judged]], kinds: Sequence[Verdict]) -> str:
     return ", ".join(f"{sum(each.verdict is kind for _, each in judged)} {kind}" for kind in kinds)
+
+
+def _known(judged: Sequence[tuple[Findings, Judged]]) -> str:
+    """Of those that were no test, since their answer was known."""
+    known = [each for _, each in judged if each.contrast.known_from]
+    tally = ", ".join(f"{sum(each.verdict is kind for each in known)} {kind}" for kind in HEADINGS)
+    said = (
+        f" The answers of {len(known)} of them were known from an earlier experiment when they were written down ({tally}): they"
+    )
+    return f"{said} are no test of their claims." if known else ""
 
 
 def _by_chance(judged: Sequence[tuple[Findings, Judged]]) -> str:
@@ -187,7 +215,7 @@ def _sentence(found: Findings, each: Judged, *, with_verdict: bool = False) -> s
         said = f"{said}: {shown(each.contrast, each.found)}"
     if with_verdict:
         return f"{said}: {said_of(each)}"
-    return f"{said} ({each.note})" if each.note else said
+    return f"{said}{notes_of(each)}"
 
 
 def _time(all_found: Sequence[Findings]) -> str:
@@ -222,79 +250,10 @@ def _missing(found: Findings) -> str:
     still = f"about {spoken(hours(left, JOBS))} on two cores"
     if found.state == "not run yet":
         return f"Nothing of it has been run: {len(left)} pieces of work, {still}."
-    return f"{len(whole) - len(left)} of {len(whole)} pieces of work are done; what is missing takes {still}."
-
-
-def _budget(found: Findings) -> Iterator[str]:
-    experiment, own = found.experiment, [cell for cell in found.experiment.cells if cell.training is not None]
-    yield "Fixed before these runs:"
-    yield ""
-    if own:
-        samples = sorted({cell.training.samples for cell in own if cell.training is not None})
-        each = ", ".join(f"{n:,}" for n in samples)
-        runs = sum(len(cell.seeds) for cell in own)
-        yield f"- {runs} trainings of {each} samples, {_seeds(experiment)}; {own_training(pieces(experiment)):,} samples in all"
-    if (trials := experiment.trials) is not None:
-        farms = " and ".join(f"`{farm.physics}`" for farm in trials.farms)
-        yield (
-            f"- {trials.trials} trials of each run of each cell on a farm of {trials.farms[0].robots} robots, physics "
-            f"{farms}, farm seed "
-            f"{trials.farms[0].seed}; the same goals and robots for all, job seeds {trials.seed} to "
-            f"{trials.seed + trials.blocks - 1}, "
-            f"in turns of {trials.block}"
-        )
-    if (many := experiment.many_goals) is not None:
-        yield f"- {many.trials} trials of each cell in simulation, at most {many.goals} goals, {many.limit_s:g} s for one"
-    if (hidden := experiment.hidden) is not None:
-        yield f"- {hidden.robots} robots of `real` for what the memory knows, fitted on a half of them and judged on the other"
-    yield from _power(experiment)
-
-
-def _power(experiment: Experiment) -> Iterator[str]:
-    """What the judge can show, for every kind of contrast once."""
-    if experiment.quick:
-        return
-    arriving = [each for each in experiment.contrasts if each.measure is Measure.SAMPLES_TO and experiment.again]
-    for runs, interest in dict.fromkeys((len(experiment.cell(each.other).seeds), each.interest) for each in arriving):
-        yield (
-            f"- power, {REPETITIONS} repetitions of the judge on made-up arrivals for each number: of {runs} runs of each cell, "
-            f"all of which arrive and whose samples spread by a factor of {2**SPREAD_OF_ARRIVALS:.2g}, "
-            + " and ".join(
-                f"{2**truth:g} times fewer read as reproduced in {power_of_arrivals(runs, interest, truth):.0%}"
-                for truth in (interest, 2 * interest)
-            )
-            + f"; of interest is {2**interest:g} times fewer"
-        )
-    if experiment.trials is None:
-        return
-    paired = [each for each in experiment.contrasts if each.measure is Measure.SUCCESS and not each.repeats]
-    goals = experiment.trials.trials
-    differ = {farm.physics: farm.robots for farm in experiment.trials.farms if farm.physics != NOMINAL}
-    for design in dict.fromkeys(
-        Design(len(experiment.cell(each.other).seeds), goals, each.interest, each.loss, differ.get(each.farm, 0))
-        for each in paired
-    ):
-        yield _shows(design)
-
-
-def _shows(design: Design) -> str:
-    of = f"{design.runs} runs of {design.goals} pairs" if design.runs > 1 else f"1 run of {design.goals} pairs"
-    robots = f" and the true gain is the same on all {design.robots} robots, which differ" if design.robots else ", robots alike"
-    assumed = f"where {CHANGING_SIDES:.0%} of the goals end differently{robots}"
-    begun = f"- power, {REPETITIONS} repetitions of the judge on made-up trials for each number: of {of}, {assumed}"
-    if design.loss:
-        kept = power(design, 0.0, 0.0)
-        return f"{begun} and nothing is truly lost, {kept:.0%} say that less than {design.interest:g} is"
-    spreads = (0.0,) if design.runs == 1 else (0.0, SPREAD)
-    said = [
-        f"a true gain of {truth:g} reads as reproduced in "
-        + " to ".join(f"{power(design, truth, spread):.0%}" for spread in reversed(spreads))
-        for truth in (design.interest, 2 * design.interest)
-    ]
-    differ = f"; the lower share where the trainings' true gains spread by {SPREAD:g}, the higher where they do not"
-    return f"{begun}, {' and '.join(said)}{differ if len(spreads) > 1 else ''}; of interest is {design.interest:g}"
-
-
-def _seeds(experiment: Experiment) -> str:
-    seeds = sorted({seed for cell in experiment.cells if cell.training is not None for seed in cell.seeds})
-    return f"seed{'s' if len(seeds) > 1 else ''} {', '.join(map(str, seeds))}"
+    said = f"{len(whole) - len(left)} of {len(whole)} pieces of work are done; what is missing takes {still}."
+    if not (made := sum(versions.parts - versions.unknown for versions in found.versions.values())):
+        return said
+    return (
+        f"{said} {made} blocks of trials or measurements count as done while the code is that which made them (below); by "
+        "another all of them are made anew."
+    )

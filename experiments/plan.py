@@ -1,10 +1,10 @@
 """What an experiment still needs: pieces of work, each kept when it is done, and how long they will take."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from experiments.design import Cell, Experiment, Farm, Start
-from experiments.store import Key, Store
+from experiments.store import MEASURED, TRIALS, Key, Store
 from sim_backend.tasks import TASKS
 
 FARM_STARTS_S = 10.0
@@ -107,10 +107,47 @@ def is_done(piece: Piece, store: Store) -> bool:
             return store.measured(Key(piece.cell.name, piece.seed, piece.physics)) is not None
 
 
-def missing(experiment: Experiment, store: Store, wanted: Wanted | None = None) -> list[Piece]:
-    """What is asked for and not there."""
-    asked = wanted or Wanted()
-    return [piece for piece in pieces(experiment) if asked.takes(piece.cell, piece.seed) and not is_done(piece, store)]
+Now = Callable[[str], Mapping[str, str]]
+"""What trials or measurements on robots of a physics are made by now."""
+
+
+def missing(experiment: Experiment, store: Store, wanted: Wanted | None = None, now: Now | None = None) -> list[Piece]:
+    """What is asked for and not there; with ``now`` also what is of another version, where more of its kind is missing."""
+    return [piece for piece, done in surveyed(experiment, store, wanted, now) if not done]
+
+
+def surveyed(
+    experiment: Experiment, store: Store, wanted: Wanted | None = None, now: Now | None = None
+) -> list[tuple[Piece, bool]]:
+    """Every piece of work that is asked for, and whether it is done.
+
+    What is whole stays whatever the version. What is not cannot be added to by another one, so that with ``now`` all that is of
+    another version counts as missing.
+    """
+    asked, whole = wanted or Wanted(), pieces(experiment)
+    done = [is_done(piece, store) for piece in whole]
+    outdated: set[tuple[str, str]] = set()
+    for kind, of_kind in ((TRIALS, BlockPiece), (MEASURED, MeasuringPiece)):
+        if now is not None and not all(
+            is_there for piece, is_there in zip(whole, done, strict=True) if isinstance(piece, of_kind)
+        ):
+            outdated |= store.outdated(kind, now).keys()
+    return [
+        (piece, is_there and _part(piece) not in outdated)
+        for piece, is_there in zip(whole, done, strict=True)
+        if asked.takes(piece.cell, piece.seed)
+    ]
+
+
+def _part(piece: Piece) -> tuple[str, str]:
+    """The stem of its file and its block, as the store names what is outdated."""
+    match piece:
+        case TrainingPiece():
+            return Key(piece.cell.name, piece.seed).stem, ""
+        case BlockPiece():
+            return Key(piece.cell.name, piece.seed, piece.farm.physics).stem, str(piece.block)
+        case MeasuringPiece():
+            return Key(piece.cell.name, piece.seed, piece.physics).stem, ""
 
 
 def starts(found: Sequence[Piece]) -> list[Start]:

@@ -41,6 +41,12 @@ def made_by(physics: str) -> dict[str, str]:
     return versions | {"code": _code_now(), f"physics {physics_name(physics)}": ranges_digest(physics)}
 
 
+def trained_by() -> dict[str, str]:
+    """What a training is made by now: versions, and the digest of all code of the simulation with that of training."""
+    versions = {"trifarm": version("trifarm"), "mujoco": version("mujoco-core"), "torch": version("torch")}
+    return versions | {"stable-baselines3": version("stable-baselines3"), "code": _code_now(("sim_backend",), ("reality_gap",))}
+
+
 def differing(kept: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
     """Where both say something and not the same, a phrase each."""
     return [f"{name} was {kept[name]} and is {now[name]}" for name in now if kept.get(name, now[name]) != now[name]]
@@ -58,20 +64,18 @@ def ranges_digest(physics: str) -> str:
     return _digest(json.dumps({"rows": rows, "shared": ranges.shared.document()} | drawn))
 
 
-def code_digest(folders: Sequence[Path]) -> str:
-    """The digest of all modules below some folders that trials are made of, comments and docstrings left out."""
+def code_digest(folders: Sequence[Path], but: Sequence[str] = NOT_OF_A_TRIAL) -> str:
+    """The digest of all modules below some folders but those in ``but``, comments and docstrings left out."""
     files = [(path.relative_to(folder), path) for folder in folders for path in sorted(folder.rglob("*.py"))]
-    of_trials = [
-        (name.as_posix(), path.read_text(encoding="utf-8")) for name, path in files if name.parts[0] not in NOT_OF_A_TRIAL
-    ]
-    return _digest(json.dumps([[name, repr(_told(ast.parse(text)))] for name, text in of_trials]))
+    counted = [(name.as_posix(), path.read_text(encoding="utf-8")) for name, path in files if name.parts[0] not in but]
+    return _digest(json.dumps([[name, repr(_told(ast.parse(text)))] for name, text in counted]))
 
 
 @cache
-def _code_now() -> str:
-    """Of the packages as they are installed, which are read and not imported."""
-    found = [find_spec(package) for package in PACKAGES]
-    return code_digest([Path(spec.origin).parent for spec in found if spec is not None and spec.origin is not None])
+def _code_now(packages: tuple[str, ...] = PACKAGES, but: tuple[str, ...] = NOT_OF_A_TRIAL) -> str:
+    """Of packages as they are installed, which are read and not imported."""
+    found = [find_spec(package) for package in packages]
+    return code_digest([Path(spec.origin).parent for spec in found if spec is not None and spec.origin is not None], but)
 
 
 def _told(node: Any) -> Any:

@@ -6,7 +6,7 @@ Torch and matplotlib are loaded by those who compute with them or draw: to list,
 import json
 import shutil
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -28,14 +28,14 @@ from experiments.plan import (
     TrainingPiece,
     Wanted,
     hours,
-    is_done,
     missing,
     pieces,
     spoken,
     starts,
+    surveyed,
 )
 from experiments.provenance import made_by
-from experiments.store import MEASURED, Key, Store
+from experiments.store import MEASURED, SET_ASIDE, TRIALS, Key, Store
 from experiments.trainer import OTHER_FOLDERS, manifest_of, train_all
 from sim_backend.folder_lock import taken
 from sim_backend.grasping.controller import GraspPolicy
@@ -69,18 +69,21 @@ def run(experiment: Experiment, store: Store, settings: Settings) -> Findings:
 
 def _do_what_is_missing(experiment: Experiment, store: Store, settings: Settings) -> None:
     tell = settings.tell
-    left = missing(experiment, store, settings.wanted)
+    left = missing(experiment, store, settings.wanted, made_by)
     trainings = [piece for piece in left if isinstance(piece, TrainingPiece)]
     if train_all(trainings, store, jobs=settings.jobs, goes_on=settings.goes_on, tell=tell):
         _try_on_farms(experiment, store, settings, left)
-        for piece in left:
-            if isinstance(piece, MeasuringPiece) and settings.goes_on() and _is_trained(piece, store):
+        measurings = [piece for piece in left if isinstance(piece, MeasuringPiece) and _is_trained(piece, store)]
+        if measurings and settings.goes_on():
+            _set_aside(MEASURED, store, tell)
+        for piece in measurings:
+            if settings.goes_on():
                 measure(experiment, piece, store, tell)
 
 
 def announcement(experiment: Experiment, store: Store, settings: Settings) -> list[str]:
     """The budget, which is fixed, and what of it is left."""
-    whole, left = pieces(experiment), missing(experiment, store, settings.wanted)
+    whole, left = pieces(experiment), missing(experiment, store, settings.wanted, made_by)
     trainings = [piece for piece in whole if isinstance(piece, TrainingPiece)]
     samples = sum(piece.cell.training.samples for piece in trainings if piece.cell.training)
     samples += sum(start.recipe["samples"] for start in starts(whole))
@@ -88,22 +91,45 @@ def announcement(experiment: Experiment, store: Store, settings: Settings) -> li
     return [
         f"({experiment.letter}) {experiment.title}{', quick form' if experiment.quick else ''}: {len(trainings)} trainings with "
         f"{samples:,} samples in all, {trials} farm trials; about {spoken(hours(whole, settings.jobs))}",
-        f"{len(whole) - len(missing(experiment, store))} of {len(whole)} pieces of work are done; asked for now: "
+        f"{len(whole) - len(missing(experiment, store, now=made_by))} of {len(whole)} pieces of work are done; asked for now: "
         f"{len(left)}, about {spoken(hours(left, settings.jobs))}",
+        *_outdated(experiment, store),
         f"results go to {store.out}, checkpoints to {store.work}",
     ]
 
 
+def _outdated(experiment: Experiment, store: Store) -> Iterator[str]:
+    """What was done and counts as missing, since another version made it; told before hours are spent."""
+    left = missing(experiment, store)
+    for kind, of_kind in ((TRIALS, BlockPiece), (MEASURED, MeasuringPiece)):
+        found = store.outdated(kind, made_by) if any(isinstance(piece, of_kind) for piece in left) else {}
+        if found:
+            why = "; ".join(sorted({phrase for phrases in found.values() for phrase in phrases}))
+            yield (
+                f"{len(found)} {PARTS[kind]} are of another version ({why}) and count as missing: versions do not mix; they go "
+                f"to {store.folder / SET_ASIDE} when the first new one begins"
+            )
+
+
+PARTS = {TRIALS: "blocks of trials", MEASURED: "measurements in simulation"}
+
+
+def _set_aside(kind: str, store: Store, tell: Callable[[str], None]) -> None:
+    if (aside := store.set_aside(kind, made_by)) is not None:
+        tell(f"{PARTS[kind]} of another version lie in {aside} now, and do not count")
+
+
 def listed(experiment: Experiment, store: Store, wanted: Wanted) -> list[tuple[Piece, bool]]:
-    """Every piece of work that is asked for, and whether it is done."""
-    return [(piece, is_done(piece, store)) for piece in pieces(experiment) if wanted.takes(piece.cell, piece.seed)]
+    """Every piece of work that is asked for, and whether it is done by the present version."""
+    return surveyed(experiment, store, wanted, made_by)
 
 
 def _try_on_farms(experiment: Experiment, store: Store, settings: Settings, left: list[Piece]) -> None:
     blocks = [piece for piece in left if isinstance(piece, BlockPiece) and _is_trained(piece, store)]
     if skipped := {f"{p.cell.name}, seed {p.seed}" for p in left if isinstance(p, BlockPiece) and not _is_trained(p, store)}:
         settings.tell(f"not tried, since not trained yet: {'; '.join(sorted(skipped))}")
-    if experiment.trials is not None and blocks:
+    if experiment.trials is not None and blocks and settings.goes_on():
+        _set_aside(TRIALS, store, settings.tell)
         how = {"open_farm": lambda farm: _forgotten(farm, store.farm_folder), "goes_on": settings.goes_on, "tell": settings.tell}
         run_blocks(blocks, experiment.trials, store, made_by=made_by, **how)
 
@@ -210,6 +236,8 @@ def document(found: Findings) -> dict[str, Any]:
                 "loss": each.contrast.loss,
                 "ours": each.contrast.ours,
                 "repeats": each.contrast.repeats,
+                "known_from": each.contrast.known_from,
+                "observed": None if each.observed is None else asdict(each.observed),
                 "found": None if each.found is None else _finite(asdict(each.found)),
                 "verdict": str(each.verdict),
                 "note": each.note,

@@ -4,15 +4,17 @@ OUT/NAME/runs/CELL-seed1.json          a finished training: settings, thinned cu
 OUT/NAME/runs/CELL-seed1.safetensors   its policy, where it is small, with the manifest as CELL-seed1.manifest.json
 OUT/NAME/trials/CELL-seed1-real.json   farm trials, block by block
 OUT/NAME/measured/CELL-seed1-real.json what was measured in simulation
+OUT/NAME/set-aside/WHY/...             the same of another version or design, which does not count
 
-Blocks and measurements say what made them. What was made by another design than the present one, or by two versions, is refused
-where it is read.
+All say what made them, runs also what they went on from. What was made by another design than the present one, or by two
+versions, is refused where it is read, as are runs that went on from two trainings of one start.
 """
 
 import json
 import shutil
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -25,8 +27,9 @@ from trial_logs.disk import put_in_place
 LARGEST_WEIGHTS = 300_000
 """Bytes; larger policies stay in the work folder."""
 CURVE_POINTS = 60
-TRIALS, MEASURED = "trials", "measured"
-"""Folders of results that were not trained."""
+RUNS, TRIALS, MEASURED = "runs", "trials", "measured"
+"""Folders of results."""
+SET_ASIDE = "set-aside"
 
 
 class StoreError(Exception):
@@ -113,8 +116,14 @@ class Store:
     def _run_stem(cell: Cell, seed: int) -> str:
         return Key(cell.runs_of_cell or cell.name, seed).stem
 
-    def keep_run(self, cell: Cell, seed: int, record: Mapping[str, Any], digest: str) -> None:
-        """Keep what a training's record says, and its policy if it is small; the JSON last, since it says that all is there."""
+    def keep_run(
+        self, cell: Cell, seed: int, record: Mapping[str, Any], digest: str, origin: Mapping[str, Any] | None = None
+    ) -> None:
+        """Keep what a training's record says, and its policy if it is small; the JSON last, since it says that all is there.
+
+        ``origin`` has ``made_by``, the versions that trained it one after the other, and ``begun_with``, the digest of what it
+        went on from or None.
+        """
         folder, stem = self._runs(cell), self._run_stem(cell, seed)
         folder.mkdir(parents=True, exist_ok=True)
         trained = self.training_folder(cell, seed) / record["policy"]
@@ -133,7 +142,36 @@ class Store:
             "policy_digest": digest,
             "weights": {"bytes": size, "here": size <= LARGEST_WEIGHTS},
         } | ({} if cell.training is None else agreement.made_with(cell.training))
+        kept |= origin or {}
         self._write(folder / f"{stem}.json", "run", kept)
+
+    def begun_with(self) -> dict[str, str]:
+        """By the name of a start the digest of the training that runs of the experiment went on from, as far as they say it.
+
+        Raises:
+            StoreError: two of them went on from two trainings of one start.
+        """
+        found: dict[str, tuple[str, str]] = {}
+        for cell in self.experiment.cells:
+            start = None if (training := agreement.training_of(cell)) is None else training.start
+            for seed in cell.seeds if start is not None else ():
+                kept = self.run(cell, seed)
+                if start is None or kept is None or (digest := kept.get("begun_with")) is None:
+                    continue
+                name, run = start.of(seed).name, self._run_stem(cell, seed)
+                before, its = found.setdefault(name, (digest, run))
+                if before != digest:
+                    raise StoreError(
+                        f"{its} went on from a training of {name} with the digest {before}, {run} from one with {digest}: runs "
+                        f"that began with other weights do not compare; move one of them away from {self._runs(cell)}, with its "
+                        "trials, to have it made anew"
+                    )
+        return {name: digest for name, (digest, _) in found.items()}
+
+    def trained_by(self) -> list[list[Mapping[str, str]]]:
+        """Of each finished training of the experiment's own the versions that made it in turn; none where they are unknown."""
+        own = [(cell, seed) for cell in self.experiment.cells if cell.training is not None for seed in cell.seeds]
+        return [kept.get("made_by", []) for cell, seed in own if (kept := self.run(cell, seed)) is not None]
 
     def trials(self, key: Key) -> dict[str, Any] | None:
         """What there is of a run's farm trials: ``blocks`` by their number, each a list of rows.
@@ -208,7 +246,7 @@ class Store:
         """
         known, parts, unknown = dict(now or {}), 0, 0
         for path, versions in self._made_by(kind):
-            for each in versions:
+            for each in versions.values():
                 parts += 1
                 unknown += each is None
                 if differs := differing(each or {}, known):
@@ -219,14 +257,58 @@ class Store:
                 known |= each or {}
         return Versions(known, parts, unknown)
 
-    def _made_by(self, kind: str) -> Iterator[tuple[Path, list[Mapping[str, str] | None]]]:
-        """Of each file of a kind that belongs to the experiment what made its parts, None where it does not say."""
+    def outdated(self, kind: str, now: Callable[[str], Mapping[str, str]]) -> dict[tuple[str, str], list[str]]:
+        """What is of another version than would make it now: what differs, by the stem of its file and its block.
+
+        Args:
+            kind: trials or measurements; of these the block is empty.
+            now: what would make them on robots of a physics.
+        """
+        found = {}
+        for path, versions in self._made_by(kind):
+            for part, each in versions.items():
+                if each is not None and (differs := differing(each, now(path.stem.rpartition("-")[2]))):
+                    found[path.stem, part] = differs
+        return found
+
+    def set_aside(self, kind: str, now: Callable[[str], Mapping[str, str]]) -> Path | None:
+        """Move what is of another version than now's out of what counts; the folder where it lies then, None if there is none."""
+        outdated = self.outdated(kind, now)
+        if not outdated:
+            return None
+        paths = [self.folder / kind / f"{stem}.json" for stem in sorted({stem for stem, _ in outdated})]
+        aside = self._new_folder_aside(kind)
+        for path in paths:
+            kept = self._read(path)
+            assert kept is not None
+            gone = {part for stem, part in outdated if stem == path.stem}
+            self._write(aside / path.name, kind, _parts(kept, gone) if kind == TRIALS else kept)
+            if kind == TRIALS and (left := kept["blocks"].keys() - gone):
+                self._write(path, kind, _parts(kept, left))
+            else:
+                path.unlink()
+        return aside
+
+    def _new_folder_aside(self, kind: str) -> Path:
+        numbers = (number for number in count(1) if not (self.folder / SET_ASIDE / f"version-{number}" / kind).exists())
+        return self.folder / SET_ASIDE / f"version-{next(numbers)}" / kind
+
+    def aside(self) -> dict[str, int]:
+        """How many trainings, blocks of trials and measurements do not count any more, by their kind."""
+        found = {kind: sorted((self.folder / SET_ASIDE).glob(f"*/{kind}/*.json")) for kind in (RUNS, TRIALS, MEASURED)}
+        found[RUNS] = [path for path in found[RUNS] if not path.name.endswith(".manifest.json")]
+        blocks = sum(len(json.loads(path.read_text())["blocks"]) for path in found[TRIALS])
+        return {RUNS: len(found[RUNS]), TRIALS: blocks, MEASURED: len(found[MEASURED])}
+
+    def _made_by(self, kind: str) -> Iterator[tuple[Path, dict[str, Mapping[str, str] | None]]]:
+        """Of each file of a kind that belongs to the experiment what made its blocks, None where it does not say."""
         stems = {Key(cell.name, seed).stem for cell in self.experiment.cells for seed in cell.seeds}
         for path in sorted((self.folder / kind).glob("*.json")):
             kept = self._read(path) if path.stem.rpartition("-")[0] in stems else None
             if kept is not None:
                 made_by = kept.get("made_by")
-                yield path, [(made_by or {}).get(block) for block in kept["blocks"]] if kind == TRIALS else [made_by]
+                of_blocks = {block: (made_by or {}).get(block) for block in kept.get("blocks", ())}
+                yield path, of_blocks if kind == TRIALS else {"": made_by}
 
     def write_document(self, text: str) -> Path:
         """Write the JSON of all findings beside the results."""
@@ -268,6 +350,12 @@ class Store:
             kind = "a quick form" if found["quick"] else "the full form"
             raise StoreError(f"{path} is a result of {kind}; quick and full results do not mix: give another --out")
         return found
+
+
+def _parts(kept: Mapping[str, Any], blocks: Collection[str]) -> dict[str, Any]:
+    """Trials with some of their blocks alone."""
+    of_blocks = {name: kept[name] for name in ("blocks", "made_by") if name in kept}
+    return dict(kept) | {name: {key: part[key] for key in part if key in blocks} for name, part in of_blocks.items()}
 
 
 def thinned(points: Sequence[Any], most: int) -> list[Any]:

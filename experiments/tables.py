@@ -7,8 +7,9 @@ from api_schemas.success_rate import wilson
 from experiments.contrasts import Judged
 from experiments.design import UNITS, Contrast, Measure
 from experiments.findings import Findings, InARow, Rate
-from experiments.judging import LEVEL, Arrival, Difference
-from experiments.store import MEASURED, TRIALS
+from experiments.judging import LEVEL, Arrival, Difference, Observed, Verdict
+from experiments.power import power_as_observed
+from experiments.store import MEASURED, RUNS, SET_ASIDE, TRIALS
 
 NOT_RUN = "not run yet"
 THESE_ONLY = {1: "1 run: these policies only"}
@@ -84,6 +85,12 @@ def contrasts(judged: Sequence[Judged]) -> Iterator[str]:
         by = "" if each.found is None else _set_by(each.found)
         yield f"| {each.contrast.name}{whose} | {said} | {by} | {of_interest}, {UNITS[each.contrast.measure]} | {said_of(each)} |"
     yield from _which_interval({each.contrast.measure for each in judged if each.found is not None})
+    if any(each.verdict is Verdict.UNDECIDED and each.observed is not None for each in judged):
+        yield ""
+        yield (
+            "Beside what is undecided stands what as many trials would tell by the same rule, were the true difference that of "
+            "interest, and the same on all robots: where robots set the interval it is less."
+        )
 
 
 def _set_by(found: Difference) -> str:
@@ -113,7 +120,23 @@ WHICH_INTERVAL = {
 
 def said_of(judged: Judged) -> str:
     """The verdict with what is noted beside it."""
-    return f"{judged.verdict}" + (f" ({judged.note})" if judged.note else "")
+    return f"{judged.verdict}{notes_of(judged)}"
+
+
+def notes_of(judged: Judged) -> str:
+    """What is noted beside a verdict, in brackets; of paired trials that stay undecided also what they could have shown."""
+    notes = [judged.note] if judged.note else []
+    if judged.verdict is Verdict.UNDECIDED and judged.found is not None and judged.observed is not None:
+        notes.append(_power(judged.contrast, judged.found, judged.observed))
+    return f" ({'; '.join(notes)})" if notes else ""
+
+
+def _power(contrast: Contrast, found: Difference, seen: Observed) -> str:
+    loss, gain = f"that less than {contrast.interest:g} is lost where nothing is lost", f"a gain of {contrast.interest:g}"
+    spread = "" if seen.spread is None else f"trainings spread by {seen.spread:.2f} and "
+    changing = "" if seen.changing is None else f", {spread}{seen.changing:.0%} of the goals ending differently"
+    power = f"power {power_as_observed(contrast, found, seen):.0%} to tell {loss if contrast.loss else gain}"
+    return f"{power}{changing}, as observed"
 
 
 def arrivals(found: Findings) -> Iterator[str]:
@@ -121,21 +144,24 @@ def arrivals(found: Findings) -> Iterator[str]:
     if not found.experiment.curves or not any(each.contrast.measure is Measure.SAMPLES_TO for each in found.judged):
         return
     reaches = f"{100 * found.experiment.reaches:g} %"
-    heads = (f"samples to {reaches}, demonstrations counted", "not there yet after", "success at the end, nominal robots")
-    yield f"| cell | seed | {' | '.join(heads)} |"
-    yield "|---|---|---|---|---|"
+    heads = (f"samples to {reaches}, demonstrations counted", "not there yet after")
+    successes = ("success of the clone, before PPO, nominal robots", "success at the end, nominal robots")
+    yield f"| cell | seed | {' | '.join((*heads, *successes))} |"
+    yield "|---|---|---|---|---|---|"
     if not found.arrivals:
-        yield f"| all | | {NOT_RUN} | | |"
+        yield f"| all | | {NOT_RUN} | | | |"
     for cell, runs in found.arrivals.items():
-        ends = {seed: _last(run["evaluations"]) for seed, run in found.runs.get(cell) or ()}
+        ends = {seed: _ends_of(run["evaluations"]) for seed, run in found.runs.get(cell) or ()}
         for seed, each in runs:
-            yield f"| `{cell}` | {seed} | {_arrived(each)} | {_not_yet(each)} | {ends[seed]} |"
+            yield f"| `{cell}` | {seed} | {_arrived(each)} | {_not_yet(each)} | {' | '.join(ends[seed])} |"
     yield ""
 
 
-def _last(evaluations: Sequence[Mapping]) -> str:
-    last = max((each for each in evaluations if each["physics"] == "nominal"), key=lambda each: each["samples"])
-    return f"{last['success_rate']:.0%} of {last['trials']}"
+def _ends_of(evaluations: Sequence[Mapping]) -> tuple[str, str]:
+    """Success before any practice, if that was tried, and at the end."""
+    on_nominal = sorted((each for each in evaluations if each["physics"] == "nominal"), key=lambda each: each["samples"])
+    first, last = (f"{each['success_rate']:.0%} of {each['trials']}" for each in (on_nominal[0], on_nominal[-1]))
+    return first if on_nominal[0]["samples"] == 0 else "", last
 
 
 def _arrived(each: Arrival) -> str:
@@ -143,7 +169,7 @@ def _arrived(each: Arrival) -> str:
 
 
 def _not_yet(each: Arrival) -> str:
-    return "there at the first evaluation" if each.after == each.by else f"{each.after:,}"
+    return "there before PPO" if each.before_practice else f"{each.after:,}"
 
 
 def many_goals(found: Findings) -> Iterator[str]:
@@ -196,13 +222,17 @@ def _told(each: Mapping, key: str) -> str:
     return f"{each[key]:.0%} ({low:.0%} to {high:.0%})"
 
 
-PARTS = {TRIALS: "blocks of trials", MEASURED: "measurements in simulation"}
+PARTS = {RUNS: "trainings", TRIALS: "blocks of trials", MEASURED: "measurements in simulation"}
 
 
 def made_by(found: Findings) -> Iterator[str]:
-    """Which version of code and physics made what is kept, as far as that is known."""
+    """Which version of code and physics made what is kept, as far as that is known, and what does not count any more."""
+    known = [" and then ".join(map(_version, made)) for made in found.trained_by if made and all(made)]
+    yield from (f"- {known.count(told)} {PARTS[RUNS]} by {told}" for told in dict.fromkeys(known))
+    if unknown := len(found.trained_by) - len(known):
+        yield f"- {unknown} {PARTS[RUNS]}, of an unknown version: they were kept before versions were"
     for kind, versions in found.versions.items():
-        told = ", ".join(f"{name} {value}" for name, value in versions.known.items())
+        told = _version(versions.known)
         begun = f"- {versions.parts} {PARTS[kind]}"
         if not versions.unknown:
             yield f"{begun} by {told}"
@@ -213,3 +243,10 @@ def made_by(found: Findings) -> Iterator[str]:
                 f"{begun}: {versions.parts - versions.unknown} by {told}; {versions.unknown} of an unknown version, kept before "
                 "versions were; whether both are of one version cannot be told"
             )
+    if any(found.aside.values()):
+        aside = ", ".join(f"{number} {PARTS[kind]}" for kind, number in found.aside.items() if number)
+        yield f"- not counted any more, and kept in `results/experiments/{found.experiment.name}/{SET_ASIDE}`: {aside}"
+
+
+def _version(versions: Mapping[str, str]) -> str:
+    return ", ".join(f"{name} {value}" for name, value in versions.items())

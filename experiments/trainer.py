@@ -1,10 +1,12 @@
 """Trainings as child processes, several side by side; each keeps its result as soon as it is finished, and none outlives us."""
 
+import hashlib
 import json
 import os
 import signal
 import subprocess
 import time
+import zipfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -14,7 +16,8 @@ from api_schemas.policy import PolicyManifest
 from client_cli.embedded.child_process import child_environment, module_command
 from client_cli.policies.policy_files import read_policy
 from experiments.design import Demonstrations, Start
-from experiments.plan import TrainingPiece
+from experiments.plan import TrainingPiece, starts
+from experiments.provenance import DIGITS, trained_by
 from experiments.recipe_files import (
     changes_since,
     cut,
@@ -34,6 +37,8 @@ LAST_LINES = 12
 OTHER_FOLDERS = "give another --work and --out"
 CHECKPOINT, RECORD = "checkpoint.pt", "record.json"
 """What the training program leaves in its folder (sim_backend/training/evaluating.py, which needs torch)."""
+ORIGIN = "origin.json"
+"""What we leave there: the versions that made the run, and the digest of what it began with."""
 
 
 class TrainingFailedError(Exception):
@@ -69,6 +74,7 @@ def train_all(
     """
     for piece in pieces:
         _check_checkpoint(piece, store)
+    _check_starts(pieces, store)
     waiting, running = list(pieces), []
     try:
         while running or (waiting and goes_on()):
@@ -120,15 +126,73 @@ def _check_checkpoint(piece: TrainingPiece, store: Store) -> None:
         )
 
 
+def _check_starts(pieces: Sequence[TrainingPiece], store: Store) -> None:
+    """Those that are there already, before hours of training."""
+    for start in starts(pieces):
+        if (store.start_folder(start) / RECORD).exists():
+            _checked_start(start, store)
+
+
+def _checked_start(start: Start, store: Store) -> str:
+    """The digest of a start that is trained.
+
+    Raises:
+        StoreError: runs that are kept went on from another training of it.
+    """
+    folder = store.start_folder(start)
+    digest, before = weights_digest(folder / CHECKPOINT), store.begun_with().get(start.name)
+    if before not in (None, digest):
+        raise StoreError(
+            f"{folder} has another training of {start.name} (digest {digest}) than that which the runs in {store.folder} went on "
+            f"from ({before}); bring that folder from the machine which trained it, or move those runs and their trials away to "
+            "have all of them made anew"
+        )
+    return digest
+
+
+def weights_digest(checkpoint: Path) -> str:
+    """The digest of all tensors of a checkpoint, actor, critic and optimiser, in their order; not of the seconds that it took.
+
+    It is read as the archive that torch writes, with a file of bytes for each tensor, so that torch is not loaded for it.
+    """
+    digest = hashlib.sha256()
+    with zipfile.ZipFile(checkpoint) as archive:
+        tensors = [name for name in archive.namelist() if name.split("/")[-2] == "data" and name.split("/")[-1].isdecimal()]
+        for name in sorted(tensors, key=lambda each: int(each.split("/")[-1])):
+            digest.update(archive.read(name))
+    return digest.hexdigest()[:DIGITS]
+
+
+def _noted(folder: Path, begun_with: str | None, resumes: bool) -> None:
+    """Write beside a run that begins or goes on what makes it, and what it began with.
+
+    Raises:
+        StoreError: its checkpoint began with other weights.
+    """
+    path, now = folder / ORIGIN, trained_by()
+    noted = json.loads(path.read_text()) if path.exists() and resumes else {"made_by": [{}] if resumes else []}
+    if (before := noted.get("begun_with", begun_with)) != begun_with:
+        raise StoreError(
+            f"{folder} has a checkpoint that began with weights of the digest {before}, while its start has {begun_with} now; "
+            "move the folder away to begin anew"
+        )
+    versions = noted["made_by"] if noted["made_by"][-1:] == [now] else [*noted["made_by"], now]
+    path.write_text(json.dumps({"made_by": versions, "begun_with": begun_with}, indent=1) + "\n")
+
+
 def _start(piece: TrainingPiece, store: Store, tell: Callable[[str], None]) -> Running:
     training = piece.cell.training
     assert training is not None
     folder, stem = store.training_folder(piece.cell, piece.seed), Key(piece.cell.name, piece.seed).stem
     folder.mkdir(parents=True, exist_ok=True)
     shown = None if training.demonstrations is None else _demonstrations(training.demonstrations, store, tell)
-    start = None if training.start is None else _trained_start(training.start.of(piece.seed), store, tell)
+    start = begun_with = None
+    if training.start is not None:
+        begun = training.start.of(piece.seed)
+        start, begun_with = _trained_start(begun, store, tell), _checked_start(begun, store)
     recipe = write_recipe(training, piece.seed, folder, stem, shown, start)
     resumes = (folder / CHECKPOINT).exists()
+    _noted(folder, begun_with, resumes)
     tell(f"{piece.name}: {'goes on' if resumes else 'begins'}, {training.samples:,} samples, log in {folder / 'log'}")
     flags = ["--out", str(folder), "--threads", "1", *(["--resume"] if resumes else [])]
     return Running(piece, folder, folder / "log", _child("sim_backend.training", [str(recipe), *flags], folder / "log"))
@@ -169,7 +233,7 @@ def _demonstrations(shown: Demonstrations, store: Store, tell: Callable[[str], N
 
 
 def _trained_start(start: Start, store: Store, tell: Callable[[str], None]) -> Path:
-    """The folder of a start, trained now, on all cores, if it is not there; another experiment that trains it is waited for."""
+    """The folder of a start, trained now if it is not there; another experiment that trains it is waited for."""
     folder = store.start_folder(start)
     if (folder / RECORD).exists():
         return folder
@@ -179,7 +243,7 @@ def _trained_start(start: Start, store: Store, tell: Callable[[str], None]) -> P
             path.write_text(toml_of(start_document(start)))
             tell(f"training {start.name}, which several runs go on from, log in {folder / 'log'}")
             resumes = ["--resume"] if (folder / CHECKPOINT).exists() else []
-            flags = ["--out", str(folder), "--threads", str(cores()), *resumes]
+            flags = ["--out", str(folder), "--threads", str(start.threads), *resumes]
             _await(start.name, "sim_backend.training", [str(path), *flags], folder / "log")
     return folder
 
@@ -190,7 +254,7 @@ def _keep(done: Running, store: Store, tell: Callable[[str], None]) -> None:
         raise TrainingFailedError(f"{done.piece.name} ended with code {code}; the end of {done.log}:\n{_tail(done.log)}")
     record = json.loads((done.folder / RECORD).read_text())
     digest = read_policy(done.folder / record["policy"], None, None).digest
-    store.keep_run(done.piece.cell, done.piece.seed, record, digest)
+    store.keep_run(done.piece.cell, done.piece.seed, record, digest, json.loads((done.folder / ORIGIN).read_text()))
     rates = ", ".join(f"{each['success_rate']:.0%} on {each['physics']} robots" for each in record["final"])
     tell(f"{done.piece.name}: finished after {record['wall_s'] / 60:.1f} min, {rates or 'not tried'}")
 

@@ -112,11 +112,12 @@ DEMONSTRATIONS = Experiment(
         ),
     ),
     limits="Demonstrations come from a policy, not from people; PPO instead of the natural gradient. Samples are control "
-    "periods: those of the demonstrations, each a whole trial of `push`, and those of PPO. The updates of the cloning take none. "
-    "After it the critic learns alone for 20 iterations, 327,680 samples, which count, and in which the policy stays the clone "
-    "that it was. A run has arrived at the first evaluation on 64 nominal goals that shows 80 %; one that has not within its "
-    "budget of 1.2 million samples never arrived, and how much longer it would take is not known. "
-    "What the demonstrating policy cost to train (12.6 million samples) is not counted, as people's time is not in the paper.",
+    "periods: those of the demonstrations, each a whole trial of `push`, and those of PPO. The updates of the cloning take "
+    "none. After it the critic learns alone for 20 iterations, 327,680 samples, which count, and in which the policy stays the "
+    "clone that it was. A run has arrived at the first evaluation on 64 nominal goals that shows 80 %; one that has not within "
+    "its budget of 1.2 million samples never arrived, and how much longer it would take is not known. What the demonstrating "
+    "policy cost to train (12.6 million samples) is not counted, as people's time is not in the paper. All runs of a cell share "
+    "one recording, and all evaluations the same 64 goals: neither is in the intervals.",
     cells=tuple(shown(count) for count in (0, 25, 100)),
     contrasts=(
         Contrast("25 demonstrations against none", Measure.SAMPLES_TO, "demonstrations-0", "demonstrations-25", 1.0),

@@ -10,7 +10,8 @@ from experiments.contrasts import SMALLER, demonstrated_periods
 from experiments.design import Demonstrations, Farm
 from experiments.findings import findings
 from experiments.judging import Arrival, Difference, Verdict
-from experiments.page import experiment_page
+from experiments.page import experiment_page, overview
+from experiments.power import Design, power
 from experiments.run import document
 from experiments.store import Key
 from tests.unit.experiments.small import SMALL, TRIALS, complete, rows, store_of, train
@@ -119,8 +120,9 @@ def test_demonstrated_samples_count_in_what_demonstrations_save(tmp_path):
     assert difference(of_100).low == pytest.approx(math.log2(600_000 / 275_000))
     assert between.contrast.ours and between.verdict is Verdict.NOT_FOUND
     page = experiment_page(found, figure=True)
-    assert "| `demonstrations-25` | 1 | 18,750 | there at the first evaluation | 90% of 64 |" in page
-    assert "| `demonstrations-100` | 3 | 275,000 | 175,000 | 90% of 64 |" in page
+    assert "| `demonstrations-25` | 1 | 18,750 | there before PPO | 90% of 64 | 90% of 64 |" in page
+    assert of_25.note == "3 of 3 runs of demonstrations-25 were there before any PPO, by cloning alone" and not of_100.note
+    assert "| `demonstrations-100` | 3 | 275,000 | 175,000 | 30% of 64 | 90% of 64 |" in page
     assert "times fewer, 3 runs each" in page
     of_first = {"cell": "demonstrations-0", "seed": 1, "success_rate": 0.8, "after": 600_000, "by": 1_200_000}
     assert document(found)["samples_to"][0] == of_first
@@ -130,12 +132,48 @@ def test_a_run_that_never_arrives_leaves_the_saving_open_above(tmp_path):
     found = keep_demonstrations(tmp_path, {600_000: 0.3, 1_200_000: 0.5}, {0: 0.9}, {0: 0.3, 1_200_000: 0.5})
     of_25, of_100, between = found.judged
     assert difference(of_25).high == math.inf and of_25.verdict is Verdict.REPRODUCED
-    assert of_25.note == "3 of 3 runs of demonstrations-0 never arrived"
+    cloned = "3 of 3 runs of demonstrations-25 were there before any PPO, by cloning alone"
+    assert of_25.note == f"3 of 3 runs of demonstrations-0 never arrived; {cloned}"
     assert of_100.verdict is Verdict.UNDECIDED and difference(of_100).low == -math.inf
     assert between.verdict is Verdict.NOT_FOUND
     page = experiment_page(found, figure=True)
     assert "to +∞)" in page
     assert page.count("| no estimate, 3 runs each |") == 1
+
+
+def test_what_two_clones_differ_by_is_told_as_a_constant_of_the_design(tmp_path):
+    found = keep_demonstrations(tmp_path, {1_200_000: 0.5}, {0: 0.9}, {0: 0.9})
+    between = found.judged[2]
+    assert difference(between).width == 0.0
+    assert between.note.endswith("a constant of the design: only numbers of demonstrations are compared")
+    assert "constant" not in found.judged[0].note
+
+
+def test_what_was_known_before_is_marked_and_is_no_test(tmp_path):
+    known = replace(SMALL, contrasts=(replace(SMALL.contrasts[0], known_from="(a)"),))
+    found = findings(known, complete(tmp_path))
+    assert found.judged[0].note == "known from (a)" and "reproduced (known from (a)) |" in experiment_page(found, figure=True)
+    text = overview([found])
+    assert "The answers of 1 of them were known from an earlier experiment when they were written down (1 reproduced" in text
+    assert "were known" not in overview([findings(SMALL, complete(tmp_path))])
+
+
+def test_what_stays_undecided_is_told_with_the_power_that_its_own_trials_give(tmp_path):
+    store = store_of(tmp_path)
+    for cell, reached in zip(SMALL.cells, ((2, 2), (4, 1)), strict=True):
+        for seed, each in zip(cell.seeds, reached, strict=True):
+            train(store, cell, seed)
+            for block in range(2):
+                store.keep_block(Key(cell.name, seed, "real"), block, rows(block, each), {"task": "push"})
+    found = findings(SMALL, store)
+    (judged,) = found.judged
+    assert judged.verdict is Verdict.UNDECIDED and judged.observed is not None
+    assert judged.observed.first == 0.4 and judged.observed.changing == pytest.approx(0.3)
+    of_differences, chance = 0.6 / 2**0.5, ((0.4 - 0.16) / 9 + (0.2 - 0.04) / 9) / 2
+    assert judged.observed.spread == pytest.approx((of_differences**2 - chance) ** 0.5)
+    expected = power(Design(2, 10, 0.2, robots=1, first=0.4, changing=judged.observed.changing), 0.2, judged.observed.spread)
+    page = experiment_page(found, figure=True)
+    assert f"undecided (power {expected:.0%} to tell a gain of 0.2, trainings spread by 0.40 and 30% of the goals" in page
 
 
 def test_runs_that_never_arrive_on_either_side_tell_no_saving(tmp_path):

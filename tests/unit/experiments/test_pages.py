@@ -1,6 +1,7 @@
 """Pages and figures are made of results alone: the committed ones are what their JSON gives; nothing is claimed without."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,11 +14,12 @@ from experiments.figures import figure_of
 from experiments.findings import findings
 from experiments.judging import Verdict
 from experiments.page import _passed_over, experiment_page, overview
+from experiments.power import Design, power
 from experiments.run import document, write
 from experiments.store import Key, Store
 from tests import ROOT
 from tests.cli_pages import SECTIONS, names_after
-from tests.unit.experiments.small import SMALL, complete, rows, store_of
+from tests.unit.experiments.small import SMALL, complete, rows, store_of, train
 
 CLAIMING = replace(SMALL, claims=(Claim("better by far", "a paper", "83 %", ("other against first", "other")),))
 PAGES = ROOT / "docs/experiments"
@@ -116,12 +118,47 @@ def test_one_run_speaks_of_its_policies_only(tmp_path):
 
 def test_the_budget_says_what_the_trials_can_show():
     page = experiment_page(found_in(Path("/nowhere"))[1], figure=False)
-    lines = [line for line in page.splitlines() if line.startswith("- power")]
-    assert len(lines) == 2, "on varied robots and on nominal ones"
-    for line, robots in zip(lines, ("and the true gain is the same on all 4 robots, which differ", "robots alike"), strict=True):
-        assert "of 3 runs of 40 pairs, where 30% of the goals end differently" in line and robots in line
-        assert "a true gain of 0.1 reads as reproduced in" in line and "true gains spread by 0.1" in line
-    assert "Fixed before these runs:" in page
+    assert "Fixed before these runs:" in page and "how many goals end differently is assumed." in page
+    assert "| trials | first cell | end differently | in truth | 0 | 0.1 | 0.2 |" in page
+    lines = [line for line in page.splitlines() if line.startswith("| 3 runs of 40 pairs")]
+    assert len(lines) == 4, "on varied robots and on nominal ones"
+    for line, robots in zip(lines[::2], ("4 robots that differ", "robots alike"), strict=True):
+        shown = [f"{power(Design(3, 40, 0.1, robots=4 * ('differ' in robots)), 0.1, spread):.0%}" for spread in (0.0, 0.1, 0.2)]
+        assert line == f"| 3 runs of 40 pairs, {robots} | 50% | 30% | a gain of 0.1, that of interest | {' | '.join(shown)} |"
+
+
+def test_what_is_asked_again_is_told_with_what_was_measured_before():
+    page = (PAGES / "ablation-again.md").read_text()
+    measured = next(each for each in found_in(RESULTS) if each.experiment.name == "ablation-again").assumed["all against none"]
+    assert f"| 0.1 | {measured.spread:.2f} (measured) | 0.2 | {measured.largest:.2f} (the largest measured) |" in page
+    assert (
+        f"| 4 runs of 160 pairs, 16 robots that differ | {measured.first:.0%} | {measured.changing:.0%} | a gain of 0.15" in page
+    )
+    assert "80% is there at spreads of" in page and "hours of two cores more" in page
+
+
+def test_robots_are_told_of_each_farm():
+    page = (PAGES / "observations-again.md").read_text()
+    assert "on a farm of 4 robots, physics `nominal`, farm seed 9001 and on a farm of 16 robots, physics `real`" in page
+
+
+def test_what_was_changed_since_stands_on_the_page_with_its_date():
+    for each in (found.experiment for found in found_in(Path("/nowhere")) if found.experiment.again):
+        page = (PAGES / f"{each.name}.md").read_text()
+        assert each.since and all(f"- {said}" in page for said in each.since)
+        assert all(re.match(r"\d+ November 2026[,:]", said) for said in each.since)
+
+
+def test_a_page_says_what_does_not_count_and_that_another_version_begins_anew(tmp_path):
+    store, key = store_of(tmp_path), Key("first", 1, "real")
+    train(store, SMALL.cells[0], 1)
+    store.keep_block(key, 0, rows(0, 2), {"task": "push"}, {"code": "c" * 16})
+    page = experiment_page(findings(SMALL, store), figure=False)
+    assert "1 blocks of trials or measurements count as done while the code is that which made them (below)" in page
+    store.set_aside("trials", lambda _: {"code": "d" * 16})
+    page = experiment_page(findings(SMALL, store), figure=False)
+    assert "count as done while" not in page
+    assert "- not counted any more, and kept in `results/experiments/small/set-aside`: 1 blocks of trials" in page
 
 
 @pytest.mark.parametrize(

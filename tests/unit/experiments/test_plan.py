@@ -1,20 +1,25 @@
 """Budgets are what the issue allows, every recipe holds, and what is missing is what has no result."""
 
 import tomllib
+from contextlib import closing
 from dataclasses import replace
 
 import pytest
 
+import trifarm
 from experiments.catalogue import CATALOGUE, HOURS_AGAIN, HOURS_ALLOWED
 from experiments.catalogue.robots import GROUPS
-from experiments.design import Measure
+from experiments.design import START_SEEDS, Measure
+from experiments.findings import findings
+from experiments.fixed import design_of
 from experiments.plan import BlockPiece, MeasuringPiece, TrainingPiece, Wanted, hours, missing, pieces, starts
-from experiments.power import SPREAD, Design, power, power_of_arrivals
+from experiments.power import SPREAD, power, power_of_arrivals
 from experiments.quick_form import quick_form
 from experiments.recipe_files import REAL, reduced_real, start_document, start_name, toml_of, write_recipe
 from experiments.store import Key, Store
 from sim_backend.effects.ranges import load_ranges
 from sim_backend.training.recipe import load_recipe
+from tests import ROOT
 from tests.unit.experiments.small import SMALL, TRIALS, rows, store_of, train
 
 TRAINED = [(each, cell) for each in CATALOGUE.values() for cell in each.cells if cell.training is not None]
@@ -31,26 +36,43 @@ def test_all_are_there_and_fit_into_the_hours():
 
 
 def test_what_is_asked_again_is_decided_by_the_same_rule_with_the_power_that_was_wanted():
-    """A true gain of interest is seen in 80 % of repetitions at least, also where trainings differ."""
+    """By the whole rule, with the rates that were measured, where trainings spread as was assumed; questions of ours need not."""
+    results = ROOT / "results" / "experiments"
     for later in (each for each in CATALOGUE.values() if each.again):
         earlier = CATALOGUE[later.again]
         assert [each.name for each in later.contrasts][: len(earlier.contrasts)] == [each.name for each in earlier.contrasts]
-        for contrast in later.contrasts:
+        found = findings(later, Store(results, results / "no-work", later))
+        for contrast in (each for each in later.contrasts if not each.ours):
             runs = len(later.cell(contrast.other).seeds)
             if contrast.measure is Measure.SAMPLES_TO:
                 assert power_of_arrivals(runs, contrast.interest, contrast.interest) >= 0.8
                 continue
-            robots = {farm.physics: farm.robots for farm in later.trials.farms if farm.physics != "nominal"}.get(contrast.farm, 0)
-            design = Design(runs, later.trials.trials, contrast.interest, contrast.loss, robots)
-            assert power(design, 0.0 if contrast.loss else contrast.interest, SPREAD) >= 0.8
+            design = design_of(later, contrast, found.assumed[contrast.name])
+            assert power(design, design.of_interest, SPREAD if runs > 1 else 0.0) >= 0.8
 
 
 def test_runs_of_other_seeds_begin_with_trainings_of_their_own():
     begun = starts(pieces(CATALOGUE["ablation-again"]))
-    assert [(start.seed, start_document(start)["seed"]) for start in begun] == [(seed, seed) for seed in (1, 2, 3, 4)]
+    assert [start_document(start)["seed"] for start in begun] == [START_SEEDS + seed for seed in (1, 2, 3, 4)]
     assert len({start_name(start) for start in begun}) == 4
     one = CATALOGUE["randomization"]
     assert [start.seed for start in starts(pieces(one))] == [1]
+
+
+def test_no_run_practises_the_goals_of_its_start():
+    """As the training draws them on nominal robots, where nothing else is drawn: also of runs that were resumed."""
+    practice = trifarm.practice_of("push")
+
+    def goals(seed):
+        with closing(trifarm.TrifingerVecEnv(practice, robots=4, threads=1, seed=seed)) as robots:
+            robots.reset()
+            return robots.environment._draw_seeds(4).tolist()
+
+    assert goals(1) == goals(1)
+    for start in starts(pieces(CATALOGUE["ablation-again"])):
+        resumed = {seed + 1_000_003 * times for seed in (1, 2, 3, 4) for times in range(1000)}
+        assert start.seed not in resumed
+        assert not set(goals(start.seed)) & {goal for seed in (1, 2, 3, 4) for goal in goals(seed)}
 
 
 def test_samples_and_seeds_are_those_of_the_issue():
@@ -122,6 +144,25 @@ def test_what_is_missing_shrinks_as_results_come(tmp_path):
     assert len(left) == 3 + 7
     assert not [p for p in left if isinstance(p, TrainingPiece) and (p.cell.name, p.seed) == ("first", 2)]
     assert [p.block for p in left if isinstance(p, BlockPiece) and (p.cell.name, p.seed) == ("first", 2)] == [0]
+
+
+OLD, NEW = {"code": "c" * 16}, {"code": "d" * 16}
+
+
+def test_blocks_of_another_version_count_as_missing_until_all_are_there(tmp_path):
+    store = store_of(tmp_path)
+    for cell in SMALL.cells:
+        for seed in cell.seeds:
+            train(store, cell, seed)
+            store.keep_block(Key(cell.name, seed, "real"), 0, rows(0, 3), {}, OLD)
+    of_old, of_new = (missing(SMALL, store, now=lambda _, made=made: made) for made in (OLD, NEW))
+    assert {piece.block for piece in of_old} == {1} and len(of_old) == 4
+    assert {piece.block for piece in of_new} == {0, 1} and len(of_new) == 8
+    assert len(missing(SMALL, store, Wanted("first"), lambda _: NEW)) == 4
+    for cell in SMALL.cells:
+        for seed in cell.seeds:
+            store.keep_block(Key(cell.name, seed, "real"), 1, rows(1, 3), {}, OLD)
+    assert missing(SMALL, store, now=lambda _: NEW) == [], "what is whole stays, whatever the version"
 
 
 def test_one_cell_or_seed_alone(tmp_path):

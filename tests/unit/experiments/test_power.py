@@ -2,14 +2,44 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
-from experiments.power import SPREAD, Design, power
+from experiments.judging import observed, success_rate
+from experiments.power import SPREAD, Design, _trials, power
 
 
 def test_a_design_seldom_finds_what_is_not_there():
     assert power(Design(3, 40, 0.1), 0.0, 0.0) <= 0.13
     assert power(Design(1, 120, 0.15), 0.0, 0.0) <= 0.15
+
+
+def test_the_whole_rule_counts_also_what_a_floor_or_a_ceiling_hides():
+    """A loss is told only where the first cell succeeds twice as often as the loss of interest."""
+    loss = Design(4, 160, 0.2, loss=True, robots=16, first=0.85)
+    assert power(loss, 0.0, 0.0) == 1.0
+    assert power(replace(loss, first=0.15), 0.0, 0.0) < 0.1, "what reads as a gain by chance is not hidden"
+    assert 0.3 < power(replace(loss, first=0.4), 0.0, 0.0) < 0.8, "the first cell's own chance decides"
+    assert power(Design(3, 160, 0.2, first=0.02), 0.1, 0.0) == 0.0, "too few successes of both"
+    assert power(Design(3, 160, 0.2, first=0.9), 0.1, 0.0) == 0.0, "too many of the first"
+
+
+@pytest.mark.parametrize("design", [Design(2, 5000, 0.2), Design(2, 5000, 0.2, first=0.1), Design(2, 5000, 0.2, changing=0.5)])
+@pytest.mark.parametrize("truth", [0.0, 0.15])
+def test_made_up_trials_have_the_rates_that_are_said(design, truth):
+    first, other = _trials(design, truth, 0.0, np.random.default_rng(1))
+    shown = observed(first, other)
+    assert shown.first == pytest.approx(design.first, abs=0.02)
+    assert success_rate(other) - shown.first == pytest.approx(truth, abs=0.02)
+    room = 2 * design.first + truth
+    assert shown.changing == pytest.approx(min(design.changing, room), abs=0.02)
+
+
+def test_what_trials_show_is_found_again_in_made_up_ones():
+    design = Design(200, 160, 0.2, first=0.4, changing=0.4)
+    shown = observed(*_trials(design, 0.1, 0.15, np.random.default_rng(1)))
+    assert shown.spread == pytest.approx(0.15, abs=0.02)
+    assert observed(*_trials(replace(design, runs=1), 0.1, 0.15, np.random.default_rng(1))).spread is None
 
 
 def test_power_grows_with_the_gain_and_shrinks_where_trainings_differ():

@@ -16,8 +16,9 @@ from experiments.__main__ import main
 from experiments.catalogue import CATALOGUE
 from experiments.plan import Wanted
 from experiments.run import Settings, run
+from experiments.store import Key
 from sim_backend.folder_lock import taken
-from tests.unit.experiments.small import SMALL, store_of, train
+from tests.unit.experiments.small import SMALL, rows, store_of, train
 
 ROOT = Path(__file__).parents[3]
 SETTINGS = Settings(Wanted(), 1, lambda: True, lambda _: None)
@@ -123,6 +124,32 @@ def test_a_farms_folder_is_in_the_work_folder_and_gone_afterwards(tmp_path, monk
         run(SMALL, store, SETTINGS)
     assert seen[0].is_relative_to(store.work) and not store.farm_folder.exists()
     assert seen[0].parent == store.farm_folder
+
+
+def test_blocks_of_another_version_are_told_before_training_and_set_aside_when_trials_begin(tmp_path, monkeypatch):
+    store, told, seen = store_of(tmp_path), [], []
+    for cell in SMALL.cells:
+        for seed in cell.seeds[:1]:
+            train(store, cell, seed)
+    key = Key("first", 1, "real")
+    store.keep_block(key, 0, rows(0, 2), {"task": "push"}, {"code": "c" * 16})
+
+    def training(*_, **__):
+        seen.append((list(told), store.trials(key) is not None))
+        return len(seen) > 1
+
+    monkeypatch.setattr(running, "train_all", training)
+    monkeypatch.setattr(running, "made_by", lambda physics: {"code": "d" * 16})
+    monkeypatch.setattr(running, "run_blocks", lambda blocks, *_, **__: seen.append(blocks))
+    settings = Settings(Wanted(), 1, lambda: True, told.append)
+    run(SMALL, store, settings)
+    (before, still_there) = seen[0]
+    assert still_there and any("1 blocks of trials are of another version (code was cccc" in line for line in before)
+    assert "2 of 12 pieces of work are done; asked for now: 10" in "\n".join(before), "two trainings, and no block"
+    assert store.trials(key) is not None, "nothing is moved before trials begin"
+    run(SMALL, store, settings)
+    assert store.trials(key) is None and store.aside()["trials"] == 1
+    assert ("first", 1, 0) in {(piece.cell.name, piece.seed, piece.block) for piece in seen[-1]}
 
 
 def test_what_a_killed_sitting_left_of_its_farm_is_removed_by_the_next(tmp_path):

@@ -7,6 +7,7 @@ import pytest
 
 from experiments.catalogue import CATALOGUE
 from experiments.design import Farm
+from experiments.findings import findings
 from experiments.recipe_files import wanted_recipe
 from experiments.store import LARGEST_WEIGHTS, Key, StoreError, thinned
 from tests.disk_steps import in_place, noted_steps
@@ -192,6 +193,68 @@ def test_blocks_of_two_versions_do_not_mix_in_a_run_nor_between_cells(tmp_path, 
     rewrite(path, lambda kept: kept["made_by"]["1"].update({name: value}))
     with pytest.raises(StoreError, match="results of two versions do not mix"):
         store.versions("trials")
+
+
+def test_what_is_of_another_version_is_set_aside_and_not_deleted(tmp_path):
+    store, key = store_of(tmp_path), Key("first", 1, "real")
+    store.keep_block(key, 0, rows(0, 2), ABOUT, MADE_BY)
+    store.keep_block(Key("other", 1, "real"), 0, rows(0, 3), ABOUT)
+    path = store.folder / "trials" / "first-seed1-real.json"
+    before = path.read_bytes()
+    assert store.outdated("trials", lambda _: MADE_BY) == {} and store.set_aside("trials", lambda _: MADE_BY) is None
+    now = MADE_BY | {"code": "d" * 16}
+    assert store.outdated("trials", lambda _: now) == {("first-seed1-real", "0"): [f"code was {'c' * 16} and is {'d' * 16}"]}
+    aside = store.set_aside("trials", lambda _: now)
+    assert aside is not None and not path.exists() and (aside / path.name).read_bytes() == before
+    assert store.aside() == {"runs": 0, "trials": 1, "measured": 0}
+    assert store.trials(Key("other", 1, "real")) is not None, "what says no version goes with any"
+    store.keep_block(key, 0, rows(0, 2), ABOUT, now)
+    again = store.set_aside("trials", lambda _: MADE_BY)
+    assert again is not None and again != aside and (aside / path.name).read_bytes() == before
+
+
+def test_of_blocks_in_one_file_those_of_the_present_version_stay(tmp_path):
+    store, key = store_of(tmp_path), Key("first", 1, "real")
+    store.keep_block(key, 0, rows(0, 2), ABOUT)
+    store.keep_block(key, 1, rows(1, 3), ABOUT, MADE_BY)
+    aside = store.set_aside("trials", lambda _: MADE_BY | {"trifarm": "0.2.0"})
+    assert aside is not None
+    kept, gone = store.trials(key), json.loads((aside / "first-seed1-real.json").read_text())
+    assert list(kept["blocks"]) == ["0"] and kept["made_by"] == {}
+    assert list(gone["blocks"]) == ["1"] and gone["made_by"] == {"1": MADE_BY} and gone["policy_digest"] == kept["policy_digest"]
+
+
+def test_measurements_of_another_version_are_set_aside(tmp_path):
+    store = store_of(tmp_path, CATALOGUE["consecutive"])
+    store.keep_measured(Key("push", 1, "real"), {"made_by": MADE_BY})
+    store.keep_measured(Key("push", 1, "nominal"), {"made_by": {"code": "c" * 16}})
+    store.set_aside("measured", lambda physics: {"code": "c" * 16, f"physics {physics}": "f" * 16})
+    assert store.measured(Key("push", 1, "real")) is None and store.measured(Key("push", 1, "nominal")) is not None
+    assert store.aside()["measured"] == 1
+
+
+def continued(store, cell, seed, digest):
+    """Keep a run that went on from a start's weights."""
+    train(store, cell, seed)
+    path = store.folder / "runs" / f"{Key(cell.name, seed).stem}.json"
+    rewrite(path, lambda kept: kept.update(begun_with=digest))
+
+
+def test_runs_that_went_on_from_two_trainings_of_one_start_do_not_compare(tmp_path):
+    experiment = CATALOGUE["ablation-again"]
+    store, (first, other) = store_of(tmp_path, experiment), experiment.cells[:2]
+    continued(store, first, 1, "a" * 16)
+    continued(store, first, 2, "b" * 16)
+    train(store, other, 2)
+    assert store.begun_with() == {"push-begun-seed1": "a" * 16, "push-begun-seed2": "b" * 16}, "each seed has its own"
+    continued(store, other, 1, "c" * 16)
+    sentence = (
+        r"all-seed1 went on from a training of push-begun-seed1 with the digest a+, without-joints-seed1 from one with c+: runs"
+    )
+    with pytest.raises(StoreError, match=sentence):
+        store.begun_with()
+    with pytest.raises(StoreError, match="do not compare"):
+        findings(experiment, store)
 
 
 def test_farms_of_two_physics_are_one_version(tmp_path):

@@ -25,6 +25,14 @@ BEGUN = {"task": "push", "layout": "push", "samples": 10}
 SLEEPS = "import time; time.sleep(60)"
 
 
+def leave_checkpoint(folder, weight=0.0, seconds=1.0):
+    """As the training program leaves one, as far as it counts here."""
+    torch = pytest.importorskip("torch", reason="the extra 'learning' is not installed")
+    tensors = {"actor": torch.full((3, 2), weight), "critic": torch.ones(5)}
+    folder.mkdir(parents=True, exist_ok=True)
+    torch.save({"policy": tensors, "run": [7, seconds, 0, 1]}, folder / "checkpoint.pt")
+
+
 class Trainings:
     """Processes in place of the training program, which do at once what they are told to."""
 
@@ -38,7 +46,7 @@ class Trainings:
         assert module == "sim_backend.training" and (folder / f"{stem}.toml").exists()
         self.begun.append(stem)
         self.resumed += [stem] if "--resume" in arguments else []
-        (folder / "checkpoint.pt").write_text("")
+        leave_checkpoint(folder)
         log.write_text("what it said last\n")
         if stem == self.hang:
             return subprocess.Popen([sys.executable, "-c", SLEEPS])
@@ -214,6 +222,81 @@ def test_a_start_is_trained_once_and_given_to_every_run_that_goes_on_from_it(tra
     assert tomllib.loads(recipe.read_text())["warm_start"] == {"run": str(made[0])}
     other = trainer._trained_start(replace(start, recipe=BEGUN | {"task": "lift"}), trainings.store, lambda _: None)
     assert other != made[0] and trainings.begun == ["begun", "begun"], "another recipe is another start"
+
+
+def begun(start):
+    """The small experiment, its first cell going on from a start."""
+    first, other = SMALL.cells
+    return replace(SMALL, cells=(replace(first, training=replace(first.training, start=start)), other))
+
+
+def test_the_digest_of_weights_is_of_all_networks_and_not_of_the_time_that_they_took(tmp_path):
+    digests = []
+    for at, how in enumerate(({}, {"seconds": 9.0}, {"weight": 1e-7})):
+        leave_checkpoint(tmp_path / str(at), **how)
+        digests.append(trainer.weights_digest(tmp_path / str(at) / "checkpoint.pt"))
+    assert digests[0] == digests[1] != digests[2]
+
+
+def test_a_run_keeps_what_made_it_and_the_weights_that_it_began_with(tmp_path, monkeypatch):
+    start = Start("begun", BEGUN, 1.0)
+    made = Trainings(store_of(tmp_path, begun(start)), monkeypatch)
+    monkeypatch.setattr(trainer, "trained_by", lambda: {"code": "a" * 16})
+    made.hang = "first-seed2"
+    pieces = [piece for piece in missing(made.store.experiment, made.store) if isinstance(piece, TrainingPiece)]
+
+    def interrupted():
+        if made.store.run(made.store.experiment.cells[0], 1) is not None:
+            raise KeyboardInterrupt
+        return True
+
+    with pytest.raises(KeyboardInterrupt):
+        train_all(pieces, made.store, jobs=2, goes_on=interrupted, tell=lambda _: None)
+    monkeypatch.setattr(trainer, "trained_by", lambda: {"code": "b" * 16})
+    made.hang = None
+    assert train_all(pieces[1:], made.store, jobs=1, goes_on=lambda: True, tell=lambda _: None)
+    first, other = made.store.experiment.cells
+    digest = trainer.weights_digest(made.store.start_folder(start) / "checkpoint.pt")
+    of_first, resumed, of_other = (made.store.run(cell, seed) for cell, seed in ((first, 1), (first, 2), (other, 1)))
+    assert (of_first["made_by"], of_first["begun_with"]) == ([{"code": "a" * 16}], digest)
+    assert (resumed["made_by"], resumed["begun_with"]) == ([{"code": "a" * 16}, {"code": "b" * 16}], digest)
+    assert (of_other["made_by"], of_other["begun_with"]) == ([{"code": "b" * 16}], None)
+    assert made.store.begun_with() == {"begun": digest}
+
+
+def test_a_start_with_other_weights_than_the_kept_runs_began_with_is_refused_before_anything_is_trained(tmp_path, monkeypatch):
+    start = Start("begun", BEGUN, 1.0)
+    made = Trainings(store_of(tmp_path, begun(start)), monkeypatch)
+    pieces = [piece for piece in missing(made.store.experiment, made.store) if isinstance(piece, TrainingPiece)]
+    assert train_all(pieces[:1], made.store, jobs=1, goes_on=lambda: True, tell=lambda _: None)
+    made.begun.clear()
+    leave_checkpoint(made.store.start_folder(start), weight=1e-7)
+    sentence = (
+        r"has another training of begun \(digest \w+\) than that which the runs in .*small went on from \(\w+\); bring that"
+    )
+    with pytest.raises(StoreError, match=sentence):
+        train_all([*pieces[2:], pieces[1]], made.store, jobs=1, goes_on=lambda: True, tell=lambda _: None)
+    assert made.begun == [], "nor what has no start"
+
+
+def test_a_checkpoint_that_began_with_other_weights_is_not_gone_on_with(tmp_path, monkeypatch):
+    start = Start("begun", BEGUN, 1.0)
+    made = Trainings(store_of(tmp_path, begun(start)), monkeypatch)
+    pieces = [piece for piece in missing(made.store.experiment, made.store) if isinstance(piece, TrainingPiece)]
+    made.fail = "first-seed1"
+    with pytest.raises(TrainingFailedError):
+        train_all(pieces[:1], made.store, jobs=1, goes_on=lambda: True, tell=lambda _: None)
+    leave_checkpoint(made.store.start_folder(start), weight=1e-7)
+    with pytest.raises(StoreError, match=r"checkpoint that began with weights of the digest \w+, while its start has \w+ now"):
+        train_all(pieces[:1], made.store, jobs=1, goes_on=lambda: True, tell=lambda _: None)
+
+
+def test_a_start_has_as_many_threads_on_every_machine(trainings, monkeypatch):
+    asked = []
+    monkeypatch.setattr(trainer, "cores", lambda: 64)
+    monkeypatch.setattr(trainer, "_await", lambda _name, _module, arguments, _log: asked.append(arguments))
+    trainer._trained_start(Start("begun", BEGUN, 1.0), trainings.store, lambda _: None)
+    assert asked[0][asked[0].index("--threads") + 1] == "2"
 
 
 def test_a_start_that_fails_is_told_with_its_last_words(trainings):
