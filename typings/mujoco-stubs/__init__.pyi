@@ -240,6 +240,8 @@ class MjModel:
     eq_obj2id: _Attribute[numpy.typing.NDArray[numpy.int32], object]
     eq_objtype: _Attribute[numpy.typing.NDArray[numpy.int32], object]
     eq_active0: _Attribute[numpy.typing.NDArray[numpy.bool], object]
+    tendon_adr: _Attribute[numpy.typing.NDArray[numpy.int32], object]
+    tendon_num: _Attribute[numpy.typing.NDArray[numpy.int32], object]
     tendon_limited: _Attribute[numpy.typing.NDArray[numpy.bool], object]
     tendon_stiffness: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     tendon_damping: _Attribute[numpy.typing.NDArray[numpy.float64], object]
@@ -1455,6 +1457,7 @@ class mjtEq(_Enum):
     mjEQ_CONNECT: typing.ClassVar[mjtEq]
     mjEQ_WELD: typing.ClassVar[mjtEq]
     mjEQ_JOINT: typing.ClassVar[mjtEq]
+    mjEQ_TENDON: typing.ClassVar[mjtEq]
 
 class mjtFlexSection(_Enum):
     ...
@@ -1546,6 +1549,7 @@ class mjtWarning(_Enum):
 
 class mjtWrap(_Enum):
     mjWRAP_JOINT: typing.ClassVar[mjtWrap]
+    mjWRAP_SITE: typing.ClassVar[mjtWrap]
 
 def mju_mat2Quat(quat: numpy.typing.NDArray[numpy.float64], mat: numpy.typing.ArrayLike) -> None: ...
 def mju_quat2Mat(res: numpy.typing.NDArray[numpy.float64], quat: numpy.typing.ArrayLike) -> None: ...

@@ -225,8 +225,8 @@ def keys_of(channel: Channel) -> tuple[str, ...]:
     return tuple(number.key for entry in _ENTRIES if entry.channel is channel for number in entry.numbers)
 
 
-OF_LATE_COLUMNS = frozenset({"viscous_friction", "rotor_inertia"})
-"""What a torque that is written late seems to have less or more of: its change goes with the speed, or with its change."""
+OF_LATE_COLUMNS = ("viscous_friction", "rotor_inertia")
+"""What a torque that is written late seems to have less or more of: what goes with the speed, and with its change."""
 LATE_TORQUE, LIMITED_TORQUE = "action_delay.delay_s", "torque_saturation.limit_nm"
 """What commanded and measured torque say of a motor without any model of what it moves."""
 OFFSET, TILT = ("encoder_offset", "offset_rad"), (("table_tilt", "roll_rad"), ("table_tilt", "pitch_rad"))

@@ -1,12 +1,16 @@
-"""Samples that a logger wrote several times, since it runs faster than the sensor: repeats are no measurements."""
+"""Rows that a logger wrote several times, since it runs faster than the sensors: repeats are no measurements."""
+
+from collections.abc import Sequence
 
 import numpy as np
 
 _FEWEST_CHANGES = 20
-_SINGLE_STEPS = 1.5
+_SINGLE_STEPS = 2.5
 """Times its smallest change that a channel usually changes by: one that goes by single steps of its encoder is slow, not held."""
 _SELDOM = 0.01
 """Share of the changes that may come sooner than usual, as where two clocks drift past each other."""
+_ALIKE = 1.5
+"""Times as many rows may lie between samples of one channel as of another that is written with it."""
 
 
 def rows_between_samples(values: np.ndarray) -> int:
@@ -32,12 +36,30 @@ def without_repeats(values: np.ndarray) -> np.ndarray:
     Of a channel that stands still, as many values stay as it has samples.
     """
     every, found = rows_between_samples(values), values.copy()
-    if every == 1:
-        return found
-    known = np.flatnonzero(np.isfinite(values))
-    begins = np.flatnonzero(np.append(True, np.diff(values[known]) != 0.0))
-    lasts = np.diff(np.append(begins, len(known)))
-    since = np.arange(len(known)) - np.repeat(begins, lasts)
-    samples = np.repeat(np.maximum(1, np.round(lasts / every)), lasts)
-    found[known[(since % every != 0) | (since >= samples * every)]] = np.nan
+    if every > 1:
+        known = np.flatnonzero(np.isfinite(values))
+        found[known[~_samples(np.diff(values[known]) != 0.0, every)]] = np.nan
     return found
+
+
+def rows_that_are_samples(channels: Sequence[np.ndarray]) -> np.ndarray:
+    """Rows that are no repeats of the row before in all that sensors report, shape (s,); all, unless every channel repeats.
+
+    Args:
+        channels: of all sensors, shapes (s,).
+    """
+    between = [rows_between_samples(each) for each in channels]
+    if not between or min(between) < 2 or max(between) > _ALIKE * min(between):
+        return np.ones(len(channels[0]) if channels else 0, dtype=bool)
+    table = np.column_stack(channels)
+    changes = ((table[1:] != table[:-1]) & ~(np.isnan(table[1:]) & np.isnan(table[:-1]))).any(axis=1)
+    return _samples(changes, int(np.median(between)))
+
+
+def _samples(changes: np.ndarray, every: int) -> np.ndarray:
+    """Which rows are samples, shape (s,), of rows that differ from the one before where ``changes`` says so, shape (s - 1,)."""
+    begins = np.flatnonzero(np.append(True, changes))
+    lasts = np.diff(np.append(begins, len(changes) + 1))
+    since = np.arange(len(changes) + 1) - np.repeat(begins, lasts)
+    samples = np.repeat(np.maximum(1, np.round(lasts / every)), lasts)
+    return (since % every == 0) & (since < samples * every)

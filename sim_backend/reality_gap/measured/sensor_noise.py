@@ -1,5 +1,6 @@
 """How large the noise of a sensor is, told from what it reports while it moves smoothly."""
 
+from itertools import pairwise
 from math import comb
 
 import numpy as np
@@ -8,9 +9,11 @@ from sim_backend.reality_gap.quantiles import MEDIAN_SIZE
 
 LEAST_NOISE_RAD = 3e-5
 """No encoder is trusted beyond this: laws of friction and gears do not hold to less, however quiet a simulated sensor is."""
-_MOVES = 4.0
-"""Times as large with every other row alone: noise is as large there, and what smooth motion adds is 16 times as large."""
-_ORDERS = (6, 8, 10, 12)
+_MOVES = 8.0
+"""Times as large with every other row alone: white noise is as large there, that of a filter of second order up to 6 times as
+large, and what smooth motion adds 16 times."""
+_ORDERS, _SAME, _LEAST_ROWS = (6, 8, 10, 12), 1.15, 200
+"""Higher differences; those count that are no larger than the next by more than chance makes them, of so many rows or more."""
 _GROWS = 2.0
 """Times the noise of the slowest third of the samples that the quickest third has, where it grows with the speed."""
 
@@ -47,13 +50,14 @@ def white_noise(series: np.ndarray) -> np.ndarray:
     """Standard deviation of what is white in each column, from differences that smooth motion has next to none of; (k,).
 
     Fourth differences have none of motions that are slow beside the rate of the rows. Where they have, which shows in every
-    other row alone, higher ones have less. It is 0 where nothing is known.
+    other row alone, the first ones count that the next ones are as large as: of noise that is not white all are smaller than the
+    ones before, and fourth ones stay. It is 0 where nothing is known.
     """
     level = _level_of(np.diff(series, 4, axis=0), 4)
     moves = _level_of(np.diff(series[::2], 4, axis=0), 4) > _MOVES * level
-    if moves.any() and len(series) > 2 * _ORDERS[-1]:
-        higher = [_level_of(np.diff(series[:, moves], order, axis=0), order) for order in _ORDERS]
-        level[moves] = np.min([level[moves], *(np.where(each > 0.0, each, level[moves]) for each in higher)], axis=0)
+    for j in np.flatnonzero(moves) if len(series) >= _LEAST_ROWS else ():
+        levels = [level[j], *(_level_of(np.diff(series[:, j : j + 1], order, axis=0), order)[0] for order in _ORDERS)]
+        level[j] = next((own for own, higher in pairwise(levels) if 0.0 < own < _SAME * higher), level[j])
     return level
 
 

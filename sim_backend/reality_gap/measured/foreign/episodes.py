@@ -7,7 +7,13 @@ import numpy as np
 from sim_backend.reality_gap.measured.foreign import time_grid
 from sim_backend.reality_gap.measured.foreign.data_files import open_table
 from sim_backend.reality_gap.measured.foreign.data_table import DataTable, column_of, find
-from sim_backend.reality_gap.measured.foreign.joints import joint_signals, position_rows, refuse_dead_torques, with_laws_that_hold
+from sim_backend.reality_gap.measured.foreign.joints import (
+    joint_signals,
+    position_rows,
+    refuse_dead_torques,
+    with_laws_that_hold,
+    without_repeated_rows,
+)
 from sim_backend.reality_gap.measured.foreign.measurement_units import chosen_factor
 from sim_backend.reality_gap.measured.foreign.naming import listed, nearest
 from sim_backend.reality_gap.measured.foreign.objects import object_signals
@@ -54,6 +60,7 @@ def _recording(study: StudyFile, entry: RecordingEntry, rows: Rows) -> Recording
     objects = tuple(object_signals(rows, found) for found in study.objects if not entry.lacks(found.channels["position"][0]))
     if not study.joints and not objects:
         raise rows.refusal("nothing is left to read: its objects are said to be missing, and there are no joints")
+    rows = without_repeated_rows(rows, study.joints) if study.joints else rows
     grid = _grid(rows, position_rows(rows, study.joints) if study.joints else objects[0].time_s)
     signals = {
         channel.owner: time_grid.interpolated(grid, rows.time_s, rows.column(channel), own_rate=True)

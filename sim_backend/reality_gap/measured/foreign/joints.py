@@ -13,7 +13,7 @@ from sim_backend.reality_gap.measured.foreign.rows import Rows
 from sim_backend.reality_gap.measured.foreign.study_channels import JointEntry, VoltageMotor
 from sim_backend.reality_gap.measured.foreign.study_model import Controller
 from sim_backend.reality_gap.measured.outliers import position_outliers, torque_outliers
-from sim_backend.reality_gap.measured.repeated_rows import without_repeats
+from sim_backend.reality_gap.measured.repeated_rows import rows_that_are_samples, without_repeats
 from sim_backend.reality_gap.measured.sensor_noise import encoder_step
 from sim_backend.reality_gap.recording import JointSignals, Outlier, Recording, RecordingError
 
@@ -24,10 +24,17 @@ _SLOWER = 1.5
 _UNLIKE = 0.1
 """Share of a recorded torque that a stated controller may be off, for what filters and rounding do to velocities."""
 _SENSED = ("position", "velocity", "measured_torque")
-"""What a sensor reports, and a logger may write more often than that."""
+"""What sensors report."""
 _LATE_ROWS = range(-1, 3)
 """By which the columns of a table may lie apart."""
 _SIGNED = ("velocity", "velocity_target", "commanded_torque", "measured_torque", "desired_torque")
+
+
+def without_repeated_rows(rows: Rows, joints: Sequence[JointEntry]) -> Rows:
+    """Rows without those that repeat the row before in all that the joints' sensors report."""
+    channels = [joint.channels[word] for joint in joints for word in _SENSED if word in joint.channels]
+    stay = rows_that_are_samples([rows.column(each) for each in channels if each.key in rows.values])
+    return rows if stay.all() else replace(rows.where(stay), time_s=rows.time_s[stay])
 
 
 def position_rows(rows: Rows, joints: Sequence[JointEntry]) -> np.ndarray:
@@ -95,8 +102,7 @@ def _joint(rows: Rows, grid: time_grid.Grid, joint: JointEntry, outliers: list[O
         return np.where(is_outlier, np.nan, values)
 
     found = {word: rows.column(channel) for word, channel in joint.channels.items() if channel.key in rows.values}
-    found |= {word: without_repeats(found[word]) for word in _SENSED if word in found}
-    position = found.pop("position")
+    position = without_repeats(found.pop("position"))
     turns = not joint.slide and (joint.wrapped if joint.wrapped is not None else time_grid.jumps(rows.time_s, position))
     zero = joint.zero * _factor(rows, joint, "position")
     position = joint.sign * ((time_grid.unwrapped(position) if turns else position) - zero)
@@ -121,23 +127,21 @@ def _joint(rows: Rows, grid: time_grid.Grid, joint: JointEntry, outliers: list[O
 
 
 def refuse_dead_torques(recordings: Sequence[Recording], place: str) -> None:
-    """Refuse a torque column that is 0 in every row of a study while the joint's other one is not: a driver reported none.
+    """Refuse measured torques that are 0 in every row of a study while commanded ones are not: a driver reported none.
 
     Raises:
-        RecordingError: which column to leave out.
+        RecordingError: of which joint.
     """
     for j, name in enumerate(recordings[0].joints.names if recordings and recordings[0].joints is not None else ()):
         acts = {}
         for word in _TORQUES:
             columns = [getattr(each.joints, f"{word}_nm") for each in recordings]
             known = np.concatenate([column[np.isfinite(column[:, j]), j] for column in columns if column is not None] or [[]])
-            if len(known):
-                acts[word] = bool(known.any())
-        if len(acts) == len(_TORQUES) and len(set(acts.values())) > 1:
-            dead, other = sorted(acts, key=acts.__getitem__)
+            acts[word] = bool(known.any()) if len(known) else None
+        if acts["measured_torque"] is False and acts["commanded_torque"]:
             raise RecordingError(
-                f"{place}, [joints.{name}]: {dead} is 0 in every row, while {other} is not; leave the column out "
-                "if nothing was reported there"
+                f"{place}, [joints.{name}]: measured_torque is 0 in every row, while commanded_torque is not; leave "
+                "the column out if nothing was reported there"
             )
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from mujoco import MjModel, mjtEq, mjtObj
+from mujoco import MjModel, mjtEq, mjtObj, mjtWrap
 
 from sim_backend.effects.catalogue import CATALOGUE, PARAMETERS
 from sim_backend.effects.effect import Parameter, Scope
@@ -107,6 +107,8 @@ def refuse_linkages(top: Section, model: MjModel, recorded: Sequence[str]) -> No
             of_sites = int(model.eq_objtype[i]) == int(mjtObj.mjOBJ_SITE)
             first, second = (int(model.site_bodyid[end]) if of_sites else end for end in ends)
             between = _joints_above(model, first) ^ _joints_above(model, second)
+        elif kind == int(mjtEq.mjEQ_TENDON):
+            between = set[int]().union(*(_joints_along(model, tendon) for tendon in ends if tendon >= 0))
         else:
             continue
         if touched := sorted(between & moved):
@@ -115,6 +117,18 @@ def refuse_linkages(top: Section, model: MjModel, recorded: Sequence[str]) -> No
                 f"the model's equality {name or i}, which {joint} moves, cannot be judged: a study leaves equalities out; "
                 "write the linkage without it, or leave its joints out of [joints]"
             )
+
+
+def _joints_along(model: MjModel, tendon: int) -> set[int]:
+    """Joints that may move a tendon: those that it winds on, and those above the sites that it runs through."""
+    found, first = set[int](), int(model.tendon_adr[tendon])
+    for i in range(first, first + int(model.tendon_num[tendon])):
+        kind, wrapped = int(model.wrap_type[i]), int(model.wrap_objid[i])
+        if kind == int(mjtWrap.mjWRAP_JOINT):
+            found.add(wrapped)
+        elif kind == int(mjtWrap.mjWRAP_SITE):
+            found |= _joints_above(model, int(model.site_bodyid[wrapped]))
+    return found
 
 
 def _joints_above(model: MjModel, body: int) -> set[int]:

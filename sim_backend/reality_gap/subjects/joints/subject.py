@@ -49,7 +49,7 @@ from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_rollouts import
 from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_torques import judge
 from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_unknown_robot import sensors_of_two
 from sim_backend.reality_gap.subjects.subject import CUBE_EXCITATION, Material, Progress, Sections, part
-from sim_backend.reality_gap.verdict import Verdict, VerdictKind
+from sim_backend.reality_gap.verdict import Cause, Verdict, VerdictKind
 from sim_backend.trifinger.scene import compile_scene
 
 NAMING, ROLLOUTS, TORQUES = METHODS[:3]
@@ -169,7 +169,12 @@ def _with_torques(found: JointStudy, torques: Verdict, rollouts: Verdict) -> Ver
     damping = np.where(_unrecorded_controllers(found), _damping_of_controllers(found), np.nan)
     late = [*of_velocities, *perhaps]
     rollouts = without_loops_of_filters(rollouts, late, found.problem.names, found.start.value(ARMATURE), damping)
-    doubts = [*between.doubts, *of_smoothed(rollouts.causes, between.smoothed), *sensors_of_two(found, torques.causes)]
+
+    def nominal(cause: Cause) -> float:
+        return found.problem_start(f"{cause.effect}.{cause.parameter}", found.problem.names.index(cause.where))
+
+    late_columns = of_smoothed(rollouts.causes, between.smoothed, nominal)
+    doubts = [*between.doubts, *late_columns, *sensors_of_two(found, torques.causes)]
     unlike = [*between.unlike, *_unlike_laws(found)]
     both = with_unlike_torques(in_both(torques, rollouts, [*between.causes, *of_velocities], doubts), unlike)
     return replace(both, cannot_tell=(*both.cannot_tell, *between.open, *left_open))
@@ -209,7 +214,8 @@ def _not_simulated(found: JointStudy, torques: Verdict) -> Verdict:
     why = f"no recording has {LENGTHS_S[-1]:g} s in which positions and torques of all joints are known"
     has_any = np.any([episode.has_torque for episode in found.problem.episodes], axis=0)
     if without := [name for name, has in zip(found.problem.names, has_any, strict=True) if not has]:
-        why += f" (of {listed(without)} no torque is: where nothing drives it, passive = true says so)"
+        what = "passive = true says that nothing drives a joint, and one that is held still may be left out of [joints]"
+        why += f" (of {listed(without)} no torque is: {what})"
     if torques.verdict not in (VerdictKind.NAMED, VerdictKind.CONFUSABLE):
         return replace(torques, cannot_tell=(f"whether simulated motions agree: {why}", *torques.cannot_tell))
     return replace(

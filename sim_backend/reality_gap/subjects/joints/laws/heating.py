@@ -28,7 +28,7 @@ def with_measured_heat(
 ) -> JointState:
     """A nominal model whose motors get as warm as their recorded temperatures say.
 
-    Without a loss for each kelvin this changes nothing. A rise and a time constant that were stated stay as they are.
+    Without a loss for each kelvin this changes nothing. A rise that was stated stays as it is, and so does a time constant.
 
     Args:
         start: the nominal model.
@@ -43,8 +43,9 @@ def with_measured_heat(
             for torque, warmth, step in zip(torques_nm, warmth_k, step_s, strict=True)
             if warmth is not None and np.isfinite(warmth[j]).all()
         ]
-        if seen and is_usual(start, MOTOR_RISE, j) and is_usual(start, MOTOR_WARMS_S, j):
-            rise, warms_s = _heating(seen)
+        if seen and is_usual(start, MOTOR_RISE, j):
+            stated_s = None if is_usual(start, MOTOR_WARMS_S, j) else float(start.value(MOTOR_WARMS_S)[j])
+            rise, warms_s = _heating(seen, stated_s)
             if rise > 0.0:
                 changed |= {(MOTOR_RISE, j): rise, (MOTOR_WARMS_S, j): warms_s}
     return start.with_values(changed) if changed else replace(start)
@@ -55,7 +56,13 @@ def is_usual(state: JointState, key: str, joint: int) -> bool:
     return float(state.value(key)[joint]) == PARAMETERS[key].absent
 
 
-def _heating(seen: Sequence[tuple[np.ndarray, np.ndarray, float]]) -> tuple[float, float]:
+def is_in_balance(state: JointState, joint: int) -> bool:
+    """Whether a motor's temperature was recorded and hardly changed, so that nothing says how it gets there."""
+    is_slowest = float(state.value(MOTOR_WARMS_S)[joint]) == PARAMETERS[MOTOR_WARMS_S].upper
+    return is_slowest and not is_usual(state, MOTOR_RISE, joint)
+
+
+def _heating(seen: Sequence[tuple[np.ndarray, np.ndarray, float]], stated_s: float | None) -> tuple[float, float]:
     """Kelvins for each (N m)^2, and the time constant in s, of torques and rises of one motor in several recordings.
 
     Of a first-order motor, a rise changes by ``-1 / time_constant`` of its integral and ``rise / time_constant`` of that of the
@@ -65,10 +72,15 @@ def _heating(seen: Sequence[tuple[np.ndarray, np.ndarray, float]]) -> tuple[floa
     for torque, warmth, step_s in seen:
         sides.append(step_s * np.cumsum(np.stack([-warmth, torque**2]), axis=1).T)
         changes.append(warmth - warmth[0])
-    (by_rise, by_torque), *_ = np.linalg.lstsq(np.concatenate(sides), np.concatenate(changes), rcond=None)
+    images, changed = np.concatenate(sides), np.concatenate(changes)
+    if stated_s is None:
+        (by_rise, by_torque), *_ = np.linalg.lstsq(images, changed, rcond=None)
+    else:
+        by_rise = 1.0 / stated_s
+        by_torque = float(images[:, 1] @ (changed - by_rise * images[:, 0])) / max(float(images[:, 1] @ images[:, 1]), 1e-30)
     longest = PARAMETERS[MOTOR_WARMS_S].upper
     if by_torque > 0.0 and by_rise * longest >= 1.0:
         return float(by_torque / by_rise), float(max(1.0 / by_rise, PARAMETERS[MOTOR_WARMS_S].lower))
     heats = np.mean(np.concatenate([torque for torque, _, _ in seen]) ** 2)
     warmth = np.mean(np.concatenate([warmth for _, warmth, _ in seen]))
-    return (float(warmth / heats) if heats > 0.0 else 0.0), longest
+    return (float(warmth / heats) if heats > 0.0 else 0.0), longest if stated_s is None else stated_s

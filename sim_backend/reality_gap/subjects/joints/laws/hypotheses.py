@@ -104,6 +104,7 @@ def joint_catalogue(
         expects_many: whether causes beside others are to be told, which show less of their own shape.
     """
     terms: list[Term] = []
+    begun = state if start is None else start
     families: dict[tuple[str, int], list[tuple[int, ...]]] = {}
     scales = {key: scale * state.size_of(key) for key, scale in SCALES.items()}
     for entry in FITTED.values():
@@ -112,7 +113,7 @@ def joint_catalogue(
         for number in entry.numbers:
             for index in range(state.width(number.key)):
                 families[(number.key, index)] = []
-                for members in _members(number, index, state, load_nm, robot, expects_many=expects_many):
+                for members in _members(number, index, (state, begun), load_nm, robot, expects_many=expects_many):
                     families[(number.key, index)].append(tuple(range(len(terms), len(terms) + len(members))))
                     terms += members
     clock = UNKNOWN_CLOCK if isinstance(robot, UnknownRobot) else CLOCK_TOLERANCE
@@ -185,9 +186,10 @@ def _scale(scale: float, tolerance: float) -> float:
 
 
 def _members(
-    number: Number, index: int, state: JointState, load_nm: np.ndarray, robot: Robot, *, expects_many: bool
+    number: Number, index: int, states: tuple[JointState, JointState], load_nm: np.ndarray, robot: Robot, *, expects_many: bool
 ) -> list[list[Term]]:
-    """The shapes in which a number may show, each as one term or two."""
+    """The shapes in which a number may show, each as one term or two; of the present model and of the nominal one."""
+    state, start = states
     key, by = number.key, state.size_of(number.key)
     scale = number.scale * by
     if number.begins_at_load:
@@ -201,14 +203,13 @@ def _members(
         probes = [most * share for share in _OF_MOST] if most else [by * probe for probe in number.probes or (scale / by / 100,)]
         return [[Term(key, index, probe)] for probe in probes]
     extra = () if number.product_with is None else (number.product_with,)
-    is_stated = bool(extra) and not is_usual(state, extra[0][0], index)
     extra = tuple(
-        (other, float(state.value(other)[index]) if is_stated else value * _hotter(load_nm[:, index], robot))
+        (other, value * _hotter(load_nm[:, index], robot) if is_usual(start, other, index) else float(start.value(other)[index]))
         for other, value in extra
     )
     values = (*shape.values, *(shape.more if expects_many else ()))
-    if is_stated:
-        values = (float(state.value(shape.key)[index]),)
+    if extra and not is_usual(start, shape.key, index):  # as many as other joints have: groups of all take one of each
+        values = (float(start.value(shape.key)[index]),) * len(values)
     members = [Term(key, index, scale / 100, ((shape.key, value), *extra)) for value in values]
     return [[term] for term in members] if shape.plane is None else [members]
 

@@ -5,8 +5,8 @@ many tables have in a row what was measured before its command. Nor is a torque 
 late: currents rise through a motor's coils, and boards smooth what they measure.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.signal import lfilter, lfilter_zi
@@ -73,14 +73,15 @@ class BetweenTorques:
         doubts: of those that may be something else.
         open: what is left open, in sentences.
         unlike: sentences on what neither a delay nor a limit explains.
-        smoothed: joints whose measured torque follows the commanded one as through a filter.
+        smoothed: joints whose measured torque follows the commanded one as through a filter, each with what it is less for each
+            rad/s and each rad/s^2: what a column seems to lack that is late by so much.
     """
 
     causes: Sequence[Cause]
     doubts: Sequence[Doubt]
     open: Sequence[str]
     unlike: Sequence[str]
-    smoothed: Sequence[str] = ()
+    smoothed: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
 def between(sent: Sequence[np.ndarray], measured: Sequence[np.ndarray], most_rows: int) -> Between | None:
@@ -208,7 +209,13 @@ def causes_between(episodes: Sequence[EpisodeEquations], names: Sequence[str]) -
         episodes: of a study.
         names: of its joints.
     """
-    causes, doubts, open_, unlike, smoothed = list[Cause](), list[Doubt](), list[str](), list[str](), list[str]()
+    causes, doubts, open_, unlike, smoothed = (
+        list[Cause](),
+        list[Doubt](),
+        list[str](),
+        list[str](),
+        dict[str, tuple[float, float]](),
+    )
     pairs = [(e.path.joints.commanded_torque_nm, e.path.joints.measured_torque_nm) for e in episodes]
     both = [(sent, felt) for sent, felt in pairs if sent is not None and felt is not None]
     if not both:
@@ -220,7 +227,7 @@ def causes_between(episodes: Sequence[EpisodeEquations], names: Sequence[str]) -
         if found is None:
             continue
         if found.is_filter:
-            smoothed.append(name)
+            smoothed[name] = _less_by_motion(episodes, j)
             lateness = f"up to {1e3 * row_s * found.late_rows:.3g} ms"
             open_.append(
                 f"whether torque of {name} is delayed by {lateness} or smoothed: what was measured follows as through a filter"
@@ -252,6 +259,22 @@ def causes_between(episodes: Sequence[EpisodeEquations], names: Sequence[str]) -
             f"{shares[0]:.0%} to {shares[1]:.0%} of what is usual"
         )
     return BetweenTorques(causes, doubts, open_, unlike, smoothed)
+
+
+def _less_by_motion(episodes: Sequence[EpisodeEquations], joint: int) -> tuple[float, float]:
+    """By how much the measured torque of a joint is less than the commanded one for each rad/s and rad/s^2; N m s/rad, kg m^2."""
+    less, images = [], []
+    for episode in episodes:
+        path, signals = episode.path, episode.path.joints
+        if signals.commanded_torque_nm is None or signals.measured_torque_nm is None:
+            continue
+        velocity = path.fast_velocity[:, joint]
+        difference = signals.commanded_torque_nm[:, joint] - signals.measured_torque_nm[:, joint]
+        known = np.isfinite(difference)
+        less.append(difference[known])
+        images.append(np.stack([velocity, np.gradient(velocity, path.step_s)], axis=1)[known])
+    by_speed, by_change = np.linalg.lstsq(np.concatenate(images), np.concatenate(less), rcond=None)[0]
+    return abs(float(by_speed)), abs(float(by_change))
 
 
 def _cause(key: str, name: str, value: float, error: float) -> Cause:

@@ -9,7 +9,7 @@ from sim_backend.reality_gap.knowledge.joint_effects import NUMBERS, SHAPES
 from sim_backend.reality_gap.knowledge.known_of_robot import UnknownRobot
 from sim_backend.reality_gap.subjects.joints.identification import JointStudy
 from sim_backend.reality_gap.subjects.joints.laws.fitted_values import FittedValue, at_usual_factor, seen_beside
-from sim_backend.reality_gap.subjects.joints.laws.heating import is_usual
+from sim_backend.reality_gap.subjects.joints.laws.heating import is_in_balance, is_usual
 from sim_backend.reality_gap.subjects.joints.laws.hypotheses import ALL_JOINTS, own_share
 from sim_backend.reality_gap.subjects.joints.laws.intervals import half_interval
 from sim_backend.reality_gap.subjects.joints.rollouts.bounded_steps import TOLERATED
@@ -34,18 +34,20 @@ def extended_causes(study: JointStudy, selection: RolloutSelection) -> list[Caus
 def products_of(study: JointStudy, causes: Sequence[Cause]) -> list[str]:
     """Sentences on numbers of which motions show only the product with another one, which is told as it is usual.
 
-    Where the other one was measured or stated, both are known.
+    Where the other one was measured or stated, both are known, unless a recorded temperature hardly changes.
     """
-    said = dict[str, None]()
+    said = list[str]()
     for cause in causes:
         number = NUMBERS.get(f"{cause.effect}.{cause.parameter}")
         if number is None or number.product_with is None:
             continue
-        key = number.product_with[0]
-        if is_usual(study.start, key, index_of(study.problem.names, key, cause.where)):
+        key, joint = number.product_with[0], index_of(study.problem.names, number.product_with[0], cause.where)
+        if is_usual(study.start, key, joint):
             other = key.partition(".")[2]
-            said[f"{cause.parameter} and {other} of {cause.where} apart: motions show only their product"] = None
-    return list(said)
+            said.append(f"{cause.parameter} and {other} of {cause.where} apart: motions show only their product")
+        elif is_in_balance(study.start, joint):
+            said.append(f"how the motor of {cause.where} gets warm: its temperature hardly changes, and counts as in balance")
+    return list(dict.fromkeys(said))
 
 
 def covering(cause: Cause, extended: Sequence[Cause]) -> Cause:

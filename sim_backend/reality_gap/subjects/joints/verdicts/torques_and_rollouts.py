@@ -4,7 +4,7 @@ Equations along the motion see what a sensor does and what moves a joint a littl
 where the robot went. Simulated motions are not, but they see no sensor. So a cause of motion is named only if it rolls out.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 from sim_backend.reality_gap.knowledge.joint_effects import (
@@ -26,6 +26,8 @@ from sim_backend.reality_gap.verdict import Cause, Doubt, EffectJudged, Told, Ve
 _MOTION_FITS = frozenset({VerdictKind.NAMED, VerdictKind.NOTHING_WRONG})
 _READ_DIRECTLY = frozenset(effect_of(sign) for sign in (*SENSOR_NOISE, Sign.POSITION_STEPS))
 """Effects that readings show by themselves, whatever torques explain."""
+_AS_LATE = 2.0
+"""Times what a column differs by that something may be and still be the column's lateness."""
 _OF_COLUMNS = frozenset({FILTERED_VELOCITY.partition(".")[0]})
 """Effects that only the columns themselves are asked for."""
 
@@ -87,12 +89,18 @@ def in_both(torques: Verdict, rollouts: Verdict, columns: Sequence[Cause] = (), 
     )
 
 
-def of_smoothed(causes: Sequence[Cause], smoothed: Sequence[str]) -> list[Doubt]:
+def of_smoothed(
+    causes: Sequence[Cause], smoothed: Mapping[str, tuple[float, float]], nominal: Callable[[Cause], float]
+) -> list[Doubt]:
     """Of causes of a motion that was driven by a measured torque behind a filter: the column may be late, and no torque.
+
+    What a late column lacks is not larger than what it differs by from the commanded one.
 
     Args:
         causes: of the motion.
-        smoothed: joints whose measured torque follows the commanded one as through a filter.
+        smoothed: joints whose measured torque follows the commanded one as through a filter, with what it is less for each rad/s
+            and each rad/s^2.
+        nominal: the value of a cause in the nominal model.
     """
     return [
         Doubt(
@@ -101,7 +109,9 @@ def of_smoothed(causes: Sequence[Cause], smoothed: Sequence[str]) -> list[Doubt]
             "the same recordings without the column of the measured torque",
         )
         for cause in causes
-        if cause.effect in OF_LATE_COLUMNS and cause.where in smoothed
+        if cause.effect in OF_LATE_COLUMNS
+        and cause.where in smoothed
+        and abs(cause.value - nominal(cause)) <= _AS_LATE * smoothed[cause.where][OF_LATE_COLUMNS.index(cause.effect)]
     ]
 
 

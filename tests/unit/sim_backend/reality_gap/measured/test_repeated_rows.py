@@ -16,8 +16,7 @@ def held(values, every):
     return values[(np.floor(np.arange(len(values)) / every) * every).astype(int)]
 
 
-@pytest.mark.parametrize("every", [2, 4, 10])
-@pytest.mark.parametrize("values", [SWING, COARSE], ids=["fine", "coarse"])
+@pytest.mark.parametrize(("values", "every"), [(SWING, 2), (SWING, 4), (SWING, 10), (COARSE, 10)])
 def test_of_repeated_samples_one_stays(values, every):
     found = without_repeats(held(values, every))
     assert rows_between_samples(held(values, every)) == every
@@ -36,6 +35,7 @@ OTHERS = {
     "every row is a sample": SWING,
     "coarse steps": COARSE,
     "slow coarse steps": 1e-3 * np.round(SLOW / 1e-3),
+    "steps of an encoder that were rounded once more": np.round(1.53e-3 * np.round(10.0 * SLOW / 1.53e-3), 3),
     "a reading that stands still now and then": np.where((np.arange(len(TIME_S)) // 7) % 9 == 0, held(SWING, 7), SWING),
     "rest": np.zeros(len(TIME_S)),
     "rest between two steps of the encoder": 1e-3 * (RNG.random(len(TIME_S)) < 0.02),

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.signal import butter, lfilter
 
 from sim_backend.reality_gap.measured.sensor_noise import white_noise
 
@@ -18,7 +19,15 @@ def reported(quickest_hz: float, rows_hz: float) -> np.ndarray:
     ("quickest_hz", "rows_hz"), [(2.0, 25.0), (3.0, 30.0), (3.0, 25.0), (3.0, 50.0), (1.0, 100.0), (1.0, 1000.0), (0.3, 25.0)]
 )
 def test_of_a_motion_that_is_quick_for_its_rows_the_noise_alone_counts(quickest_hz, rows_hz):
-    assert white_noise(reported(quickest_hz, rows_hz))[0] == pytest.approx(NOISE_RAD, rel=0.25)
+    assert white_noise(reported(quickest_hz, rows_hz))[0] == pytest.approx(NOISE_RAD, rel=0.3)
+
+
+@pytest.mark.parametrize("order", [1, 2, 4])
+def test_of_noise_that_a_filter_has_smoothed_no_less_counts_than_fourth_differences_show(order):
+    white = np.random.default_rng(1).standard_normal((4000, 1))
+    smooth = lfilter(*butter(order, 0.3), white, axis=0)
+    fourth = np.median(np.abs(np.diff(smooth, 4, axis=0))) / (0.6745 * np.sqrt(70.0))
+    assert white_noise(smooth)[0] == pytest.approx(fourth, rel=1e-3)
 
 
 def test_what_is_missing_or_short_is_no_noise():

@@ -156,15 +156,17 @@ def test_torques_that_count_against_positions_are_turned_alone(tmp_path, sign):
     np.testing.assert_array_equal(joints.measured_torque_nm[:, 0], -sign * data["tau"])
 
 
-@pytest.mark.parametrize(("dead", "other"), [("tau", "tau_cmd"), ("tau_cmd", "tau")])
-def test_a_torque_of_0_in_every_row_beside_another_one_is_refused(tmp_path, dead, other):
+def test_a_measured_torque_of_0_in_every_row_beside_a_command_is_refused(tmp_path):
     data = columns()
-    data[dead] = np.zeros_like(data[dead])
-    words = {"tau": "measured_torque", "tau_cmd": "commanded_torque"}
-    with pytest.raises(RecordingError, match=rf"joints.shoulder.*{words[dead]} is 0 in every row, while {words[other]} is not"):
+    data["tau"] = np.zeros_like(data["tau"])
+    with pytest.raises(
+        RecordingError, match=r"joints.shoulder.*measured_torque is 0 in every row, while commanded_torque is not"
+    ):
         read(folder(tmp_path, STUDY, data))
-    data[other] = np.zeros_like(data[other])
+    data["tau_cmd"] = np.zeros_like(data["tau_cmd"])
     assert read(folder(tmp_path, STUDY, data))[0].joints is not None, "nothing drove it"
+    guided = columns() | {"tau_cmd": data["tau_cmd"]}
+    assert read(folder(tmp_path, STUDY, guided))[0].joints is not None, "a joint that is led by hand has noise"
 
 
 def test_a_sensor_that_is_slower_than_its_logger_is_read_at_its_own_rate(tmp_path):
@@ -176,6 +178,22 @@ def test_a_sensor_that_is_slower_than_its_logger_is_read_at_its_own_rate(tmp_pat
     np.testing.assert_allclose(joints.position_step_s, [5 * STEP_S, STEP_S], rtol=1e-9)
     np.testing.assert_allclose(joints.position_rad[:1990, 0], np.sin(7.0 * data["time"])[:1990], atol=1e-3)
     assert np.isfinite(joints.measured_torque_nm[:, 0]).all()
+
+
+def test_rows_that_a_logger_wrote_several_times_are_left_out(tmp_path):
+    data = columns(2000)
+    once = {name: column[np.arange(2000) // 5 * 5] for name, column in data.items() if name != "time"}
+    (recording,) = read(folder(tmp_path, STUDY, data | once))
+    assert recording.step_s == pytest.approx(5 * STEP_S)
+    np.testing.assert_array_equal(recording.joints.measured_torque_nm[:, 0], data["tau"][::5])
+    np.testing.assert_array_equal(recording.joints.position_rad[:, 0], data["q"][::5])
+
+
+def test_a_measured_torque_that_holds_its_steps_beside_fine_positions_is_one(tmp_path):
+    data = columns(2000)
+    data["tau"] = data["tau"][np.arange(2000) // 10 * 10]
+    (recording,) = read(folder(tmp_path, STUDY, data))
+    np.testing.assert_array_equal(recording.joints.measured_torque_nm[:, 0], data["tau"])
 
 
 @pytest.mark.parametrize("sign", [1, -1])

@@ -16,6 +16,11 @@ LINKAGE = """
     </body>
     <body name="rod"><joint name="crank" axis="0 1 0"/><geom size="0.1"/><site name="end"/></body>
   </worldbody>
+  <tendon>
+    <fixed name="of_arm"><joint joint="shoulder" coef="1"/></fixed>
+    <fixed name="of_crank"><joint joint="crank" coef="1"/></fixed>
+    <fixed name="of_finger"><joint joint="finger1" coef="1"/></fixed>
+  </tendon>
   <equality>{equality}</equality>
 </mujoco>
 """
@@ -44,10 +49,11 @@ def load(folder, equality):
         '<joint name="mimic" joint1="elbow" joint2="shoulder"/>',
         '<connect name="loop" body1="fore" body2="rod" anchor="0 0 0"/>',
         '<weld name="closed" site1="tip" site2="end"/>',
+        '<tendon name="belt" tendon1="of_arm" tendon2="of_crank"/>',
     ],
 )
 def test_a_linkage_that_a_recorded_joint_moves_is_refused(tmp_path, equality):
-    with pytest.raises(RecordingError, match=r"(mimic|loop|closed), which shoulder moves"):
+    with pytest.raises(RecordingError, match=r"(mimic|loop|closed|belt), which shoulder moves"):
         load(tmp_path, equality)
 
 
@@ -56,6 +62,7 @@ def test_a_linkage_that_a_recorded_joint_moves_is_refused(tmp_path, equality):
     [
         '<joint joint1="finger1" joint2="finger2"/>',
         '<connect body1="left" body2="right" anchor="0 0 0"/>',
+        '<tendon tendon1="of_crank" tendon2="of_finger"/>',
         '<joint joint1="elbow" joint2="shoulder" active="false"/>',
     ],
 )

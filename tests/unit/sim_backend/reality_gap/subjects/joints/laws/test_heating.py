@@ -41,6 +41,12 @@ def test_a_motor_that_hardly_gets_warmer_is_in_balance():
     assert rise * np.mean(torque**2) == pytest.approx(24.0) and time_constant_s == 3600.0
 
 
+def test_a_stated_time_constant_stays_and_the_rise_is_fitted_beside_it():
+    torque = motion(3, 30.0)[1][:, 0]
+    stated = JointState(1, {MOTOR_WARMS_S: np.array([WARMS_S])})
+    assert heat_of(warmed(torque, 12.0), torque, stated) == (pytest.approx(RISE_K_NM2, rel=0.01), WARMS_S)
+
+
 def test_what_was_stated_stays_and_what_nobody_measured_is_usual():
     stated = JointState(1, {MOTOR_RISE: np.array([500.0])})
     torque = motion(3, 5.0)[1][:, 0]
@@ -59,8 +65,7 @@ def test_gaps_of_a_temperature_are_filled_and_a_motor_without_one_has_none():
     assert np.isnan(found[1]).all()
 
 
-@pytest.mark.parametrize("is_measured", [True, False])
-def test_a_loss_for_each_kelvin_is_named_by_the_temperature_that_was_recorded(is_measured):
+def test_a_loss_for_each_kelvin_is_named_by_the_temperature_that_was_recorded():
     """The motor begins warm, as nobody knows who has no temperature."""
     loss, recordings = 0.006, []
     for seed, begins_k in ((1, 60.0), (2, 5.0), (3, 35.0)):
@@ -69,18 +74,10 @@ def test_a_loss_for_each_kelvin_is_named_by_the_temperature_that_was_recorded(is
         for _ in range(20):  # what was sent is what was needed and what the motor lost of it
             rise = warmed(sent[:, 0], begins_k)
             sent[:, 0] = needed[:, 0] / (1.0 - loss * rise)
-        temperature = np.column_stack([rise, np.full(len(rise), np.nan)]) if is_measured else None
+        temperature = np.column_stack([rise, np.full(len(rise), np.nan)])
         recordings.append(recorded(position, sent, f"r{seed}", temperature_rise_k=temperature))
     study = study_joints(arm(), recordings, lambda *_: None, robot=UnknownRobot())
-    found = {a.effect for a in study.fit.accepted}
-    value = float(study.fit.state.value(MOTOR_LOSS)[0])
-    if is_measured:
-        assert found == {"thermal_derating"} and value == pytest.approx(loss, rel=0.1)
-        assert heat_of_study(study) == pytest.approx((RISE_K_NM2, WARMS_S), rel=0.2)
-    else:
-        assert value != pytest.approx(loss, rel=0.1)
-
-
-def heat_of_study(study):
-    """Rise and time constant of the first motor that a study began with."""
-    return float(study.start.value(MOTOR_RISE)[0]), float(study.start.value(MOTOR_WARMS_S)[0])
+    assert {a.effect for a in study.fit.accepted} == {"thermal_derating"}
+    assert float(study.fit.state.value(MOTOR_LOSS)[0]) == pytest.approx(loss, rel=0.1)
+    told = float(study.start.value(MOTOR_RISE)[0]), float(study.start.value(MOTOR_WARMS_S)[0])
+    assert told == pytest.approx((RISE_K_NM2, WARMS_S), rel=0.2)

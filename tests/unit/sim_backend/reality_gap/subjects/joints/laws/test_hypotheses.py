@@ -34,6 +34,29 @@ def whole():
     return catalogue()
 
 
+@pytest.mark.parametrize("given", ["a rise and a time constant of one joint", "a loss that was taken at one joint"])
+def test_what_is_known_of_one_motor_leaves_all_shapes_of_all_motors_together(whole, given):
+    key, joint = "thermal_derating.{}".format, 2
+    if given.startswith("a rise"):
+        start = state = STATE.with_values({(key("rise_k_nm2"), joint): 7.0, (key("time_constant_s"), joint): 60.0})
+    else:
+        start, taken = STATE, {(key("loss_per_k"), joint): 0.01, (key("rise_k_nm2"), joint): 2000.0}
+        state = STATE.with_values(taken | {(key("time_constant_s"), joint): 5.0})
+    known = KnownTriFinger(HealthySessions({}, np.zeros(0), {}))
+    found = joint_catalogue(c.JOINT_NAMES, state, LOAD_NM, 1e-3, robot=known, start=start)
+
+    def shapes(catalogue, where):
+        heat = [h for h in catalogue.hypotheses if (h.effect, h.where) == ("thermal_derating", where)]
+        return [[dict(catalogue.terms[i].shape) for i in h.terms] for h in heat]
+
+    assert len(shapes(found, ALL_JOINTS)) == len(shapes(whole, ALL_JOINTS)) > 1
+    own = {tuple(sorted(shape.items())) for each in shapes(found, c.JOINT_NAMES[joint]) for shape in each}
+    if given.startswith("a rise"):
+        assert own == {((key("rise_k_nm2"), 7.0), (key("time_constant_s"), 60.0))}
+    else:
+        assert len(own) == len(shapes(whole, c.JOINT_NAMES[joint])), "what was taken says nothing of how it looks"
+
+
 def test_every_effect_that_joints_show_is_a_hypothesis_or_a_check(whole):
     shown = {key.partition(".")[0] for key in AT_JOINTS}
     asked = {h.effect for h in whole.hypotheses}

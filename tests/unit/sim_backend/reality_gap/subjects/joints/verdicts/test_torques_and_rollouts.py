@@ -52,10 +52,18 @@ def test_what_motors_show_is_named_only_where_the_motion_agrees():
     assert does_not.verdict is VerdictKind.UNEXPLAINED and does_not.effects[0].told is Told.NOT_JUDGED
 
 
-@pytest.mark.parametrize(("smoothed", "kind"), [(("elbow",), VerdictKind.CONFUSABLE), (("wrist",), VerdictKind.NAMED)])
+@pytest.mark.parametrize(
+    ("smoothed", "kind"),
+    [
+        ({"elbow": (0.06, 0.0)}, VerdictKind.CONFUSABLE),
+        ({"elbow": (0.03, 9.0)}, VerdictKind.NAMED),
+        ({"wrist": (9.0, 9.0)}, VerdictKind.NAMED),
+    ],
+    ids=["as much", "more than lateness makes", "another joint's"],
+)
 def test_damping_beside_a_current_behind_a_filter_may_be_a_column_that_is_late(smoothed, kind):
     damping = replace(FRICTION, effect="viscous_friction", parameter="damping_nm_s_rad")
-    doubts = of_smoothed((damping, FRICTION), smoothed)
+    doubts = of_smoothed((damping, FRICTION), smoothed, lambda _: 0.0)
     found = in_both(verdict(VerdictKind.NAMED), verdict(VerdictKind.NAMED, damping, FRICTION), (), doubts)
     assert found.verdict is kind and found.causes == (damping, FRICTION)
     assert ("smoothed by its sensor" in found.summary) is (kind is VerdictKind.CONFUSABLE)
