@@ -48,6 +48,7 @@ from sim_backend.reality_gap.subjects.joints.verdicts.unnamed_rivals import agai
 from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_rollouts import verdict_of_rollouts
 from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_torques import judge
 from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_unknown_robot import sensors_of_two
+from sim_backend.reality_gap.subjects.joints.verdicts.weak_motors import against_weak_motors
 from sim_backend.reality_gap.subjects.subject import CUBE_EXCITATION, Material, Progress, Sections, part
 from sim_backend.reality_gap.verdict import Cause, Verdict, VerdictKind
 from sim_backend.trifinger.scene import compile_scene
@@ -154,6 +155,7 @@ def _rolled_out(found: JointStudy, torques: Verdict, method: str, rng: np.random
     rollouts = against_patterns(rollouts, found, selection, drawn_rad)
     rollouts = against_unnamed(rollouts, selection, with_causes.usual_rad)
     is_driven = np.any([(episode.driving_nm != 0.0).any(axis=1) for episode in found.problem.episodes], axis=0)
+    rollouts = against_weak_motors(rollouts, found, selection, is_driven)
     rollouts = with_share_of_all(rollouts, found.problem.names, is_driven, found.robot.tolerance.mass)
     rollouts = with_late_columns(rollouts)
     plant, state = found.problem.episodes[0].plant, selection.fit.state
