@@ -1,7 +1,6 @@
 """How warm motors get from their torque, where their temperature was recorded."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -48,7 +47,7 @@ def with_measured_heat(
             rise, warms_s = _heating(seen, stated_s)
             if rise > 0.0:
                 changed |= {(MOTOR_RISE, j): rise, (MOTOR_WARMS_S, j): warms_s}
-    return start.with_values(changed) if changed else replace(start)
+    return start.with_values(changed)
 
 
 def is_usual(state: JointState, key: str, joint: int) -> bool:
