@@ -13,7 +13,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from types import FrameType
 
-from sim_backend.refusal import refused
+from sim_backend.refusal import ended, refused
 
 OK, OTHER, USAGE, INTERRUPTED = 0, 1, 2, 130
 NEW_FOLDER = "trifarm-experiment-"
@@ -28,7 +28,7 @@ def main(arguments: list[str] | None = None) -> int:
         return refused(said, as_json, OTHER)
     from client_cli.terminal.errors import ClientError
     from experiments.farm_trials import WeightsMissingError
-    from experiments.store import StoreError
+    from experiments.result_files import StoreError
     from experiments.trainer import TrainingFailedError
     from sim_backend.folder_lock import TakenError
 
@@ -88,8 +88,9 @@ def _pages(options: argparse.Namespace, out: Path) -> Path | None:
 
 
 def _run(options: argparse.Namespace, experiment, out: Path, work: Path) -> int:
+    from experiments.result_files import StoreError
     from experiments.run import Settings, document, run, write, write_overview
-    from experiments.store import Store, StoreError
+    from experiments.store import Store
 
     pages = _pages(options, out)
     store = Store(out, work, experiment, pages)
@@ -135,7 +136,8 @@ def _check(options: argparse.Namespace, experiment) -> None:
 
 
 def _list(options: argparse.Namespace, asked: list, out: Path, work: Path) -> int:
-    from experiments.store import Store, StoreError
+    from experiments.result_files import StoreError
+    from experiments.store import Store
 
     _tell(f"results in {out}, checkpoints in {work}")
     documents = []
@@ -211,4 +213,4 @@ def _tell(line: str) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(ended(main))

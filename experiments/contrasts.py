@@ -23,7 +23,8 @@ from experiments.judging import (
     times_fewer,
     verdict,
 )
-from experiments.store import Key, Store
+from experiments.result_files import Key
+from experiments.store import Store
 from experiments.trainer import manifest_of
 from sim_backend.tasks import TASKS
 from sim_backend.training import reference_policies

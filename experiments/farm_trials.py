@@ -18,7 +18,8 @@ from client_cli.embedded.farm import FarmOptions, embedded_farm
 from client_cli.embedded.robot_options import RobotOptions, usable_physics
 from experiments.design import BUILTIN, Cell, Farm, FarmTrials
 from experiments.plan import BlockPiece
-from experiments.store import TRIALS, Key, Store
+from experiments.result_files import TRIALS, Key
+from experiments.store import Store
 from experiments.trainer import manifest_beside
 from sim_backend.training import reference_policies
 from trifarm.farm import Farm as FarmConnection
@@ -75,7 +76,7 @@ def run_blocks(
         wanted = list(of_farm)
         for piece in wanted:
             store.trials(Key(piece.cell.name, piece.seed, farm.physics))  # complains before a farm is started
-        store.versions(TRIALS, now := made_by(farm.physics))
+        store.versions.of(TRIALS, now := made_by(farm.physics))
         with open_farm(farm) as opened:
             for block, of_block in groupby(wanted, key=lambda piece: piece.block):
                 if not goes_on():

@@ -13,7 +13,8 @@ from experiments.judging import Arrival, rate_interval
 from experiments.plan import Piece, TrainingPiece, missing, pieces
 from experiments.precedents import Assumed, assumed, precedents
 from experiments.provenance import Versions
-from experiments.store import MEASURED, TRIALS, Key, Store
+from experiments.result_files import MEASURED, TRIALS, Key
+from experiments.store import Store
 
 COMPLETE = "complete"
 SAME_EVALUATION = 0.01
@@ -122,9 +123,9 @@ def findings(experiment: Experiment, store: Store) -> Findings:
         {cell.name: found for cell in experiment.cells if (found := arrivals(cell, experiment, runs)) and experiment.curves},
         tuple(judge(contrast, experiment, store, runs) for contrast in experiment.contrasts),
         tuple(missing(experiment, store)),
-        {kind: versions for kind in (TRIALS, MEASURED) if (versions := store.versions(kind)).parts},
+        {kind: versions for kind in (TRIALS, MEASURED) if (versions := store.versions.of(kind)).parts},
         store.trained_by(),
-        store.aside(),
+        store.versions.aside(),
         _assumed(experiment, store),
     )
 

@@ -4,7 +4,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from experiments.design import Cell, Experiment, Farm, Start
-from experiments.store import MEASURED, TRIALS, Key, Store
+from experiments.result_files import MEASURED, TRIALS, Key
+from experiments.store import Store
 from sim_backend.tasks import TASKS
 
 FARM_STARTS_S = 10.0
@@ -131,7 +132,7 @@ def surveyed(
         if now is not None and not all(
             is_there for piece, is_there in zip(whole, done, strict=True) if isinstance(piece, of_kind)
         ):
-            outdated |= store.outdated(kind, now).keys()
+            outdated |= store.versions.outdated(kind, now).keys()
     return [
         (piece, is_there and _part(piece) not in outdated)
         for piece, is_there in zip(whole, done, strict=True)

@@ -20,6 +20,7 @@ from experiments.design import Cell, Experiment, Farm
 from experiments.farm_trials import own_farm, run_blocks, weights_of
 from experiments.findings import Findings, findings
 from experiments.hidden_state import ask
+from experiments.kept_versions import SET_ASIDE
 from experiments.page import experiment_page, overview
 from experiments.plan import (
     BlockPiece,
@@ -35,7 +36,8 @@ from experiments.plan import (
     surveyed,
 )
 from experiments.provenance import made_by
-from experiments.store import MEASURED, SET_ASIDE, TRIALS, Key, Store
+from experiments.result_files import MEASURED, TRIALS, Key
+from experiments.store import Store
 from experiments.trainer import OTHER_FOLDERS, manifest_of, train_all
 from sim_backend.folder_lock import taken
 from sim_backend.grasping.controller import GraspPolicy
@@ -102,7 +104,7 @@ def _outdated(experiment: Experiment, store: Store) -> Iterator[str]:
     """What was done and counts as missing, since another version made it; told before hours are spent."""
     left = missing(experiment, store)
     for kind, of_kind in ((TRIALS, BlockPiece), (MEASURED, MeasuringPiece)):
-        found = store.outdated(kind, made_by) if any(isinstance(piece, of_kind) for piece in left) else {}
+        found = store.versions.outdated(kind, made_by) if any(isinstance(piece, of_kind) for piece in left) else {}
         if found:
             why = "; ".join(sorted({phrase for phrases in found.values() for phrase in phrases}))
             yield (
@@ -115,7 +117,7 @@ PARTS = {TRIALS: "blocks of trials", MEASURED: "measurements in simulation"}
 
 
 def _set_aside(kind: str, store: Store, tell: Callable[[str], None]) -> None:
-    if (aside := store.set_aside(kind, made_by)) is not None:
+    if (aside := store.versions.set_aside(kind, made_by)) is not None:
         tell(f"{PARTS[kind]} of another version lie in {aside} now, and do not count")
 
 
@@ -159,7 +161,7 @@ def measure(experiment: Experiment, piece: MeasuringPiece, store: Store, tell: C
     policy, key = _policy(piece.cell, piece.seed, store), Key(piece.cell.name, piece.seed, piece.physics)
     about = asked_of_measurements(experiment, piece.cell, piece.physics)
     about |= {"policy_digest": store.policy_digest(piece.cell, piece.seed), "made_by": made_by(piece.physics)}
-    store.versions(MEASURED, about["made_by"])
+    store.versions.of(MEASURED, about["made_by"])
     if (many := experiment.many_goals) is not None:
         robots = robots_of(piece.physics, many.trials, many.first_seed)
         task = task_of(piece.cell.task or "push")

@@ -10,44 +10,21 @@ All say what made them, runs also what they went on from. What was made by anoth
 versions, is refused where it is read, as are runs that went on from two trainings of one start.
 """
 
-import json
 import shutil
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import count
 from pathlib import Path
 from typing import Any
 
 from experiments import agreement
 from experiments.design import Cell, Experiment, Start
-from experiments.provenance import Versions, differing
+from experiments.kept_versions import KeptVersions
 from experiments.recipe_files import start_name
-from trial_logs.disk import put_in_place
+from experiments.result_files import MEASURED, TRIALS, Key, ResultFiles, StoreError
 
 LARGEST_WEIGHTS = 300_000
 """Bytes; larger policies stay in the work folder."""
 CURVE_POINTS = 60
-RUNS, TRIALS, MEASURED = "runs", "trials", "measured"
-"""Folders of results."""
-SET_ASIDE = "set-aside"
-
-
-class StoreError(Exception):
-    """What lies there is none of this experiment; the message says what to do."""
-
-
-@dataclass(frozen=True)
-class Key:
-    """One run of one cell on one kind of robots; ``physics`` is empty for a training."""
-
-    cell: str
-    seed: int
-    physics: str = ""
-
-    @property
-    def stem(self) -> str:
-        """Of its files."""
-        return f"{self.cell}-seed{self.seed}" + (f"-{self.physics}" if self.physics else "")
 
 
 @dataclass(frozen=True)
@@ -65,6 +42,16 @@ class Store:
         """Of the results."""
         return self.out / self.experiment.name
 
+    @property
+    def files(self) -> ResultFiles:
+        """Its results as they lie there."""
+        return ResultFiles(self.folder, self.experiment)
+
+    @property
+    def versions(self) -> KeptVersions:
+        """Of trials and measurements."""
+        return KeptVersions(self.files)
+
     def run(self, cell: Cell, seed: int) -> dict[str, Any] | None:
         """A finished training, wherever its experiment keeps it.
 
@@ -72,7 +59,7 @@ class Store:
             StoreError: it is of another recipe.
         """
         path = self._runs(cell) / f"{self._run_stem(cell, seed)}.json"
-        if (kept := self._read(path)) is not None:
+        if (kept := self.files.read(path)) is not None:
             self._refuse(path, agreement.of_run(kept, cell, seed), f"{path.stem}* there and in trials and measured beside it")
         return kept
 
@@ -143,7 +130,7 @@ class Store:
             "weights": {"bytes": size, "here": size <= LARGEST_WEIGHTS},
         } | ({} if cell.training is None else agreement.made_with(cell.training))
         kept |= origin or {}
-        self._write(folder / f"{stem}.json", "run", kept)
+        self.files.write(folder / f"{stem}.json", "run", kept)
 
     def begun_with(self) -> dict[str, str]:
         """By the name of a start the digest of the training that runs of the experiment went on from, as far as they say it.
@@ -195,7 +182,7 @@ class Store:
             StoreError: the other blocks are of another policy, were asked for otherwise, or are of another version, as those of
                 other cells may be.
         """
-        self.versions(TRIALS, made_by)
+        self.versions.of(TRIALS, made_by)
         path, cell = self._trials(key), self.experiment.cell(key.cell)
         found = self.trials(key) or {"blocks": {}}
         mixed = [
@@ -207,7 +194,7 @@ class Store:
             whole["made_by"] = versions
         policy = self.policy_digest(cell, key.seed)
         self._refuse(path, agreement.of_trials(whole, self.experiment, cell, key.physics, policy), "it and the weights")
-        self._write(path, "trials", whole)
+        self.files.write(path, "trials", whole)
 
     def _trials(self, key: Key) -> Path:
         return self.folder / TRIALS / f"{key.stem}.json"
@@ -226,89 +213,11 @@ class Store:
         Raises:
             StoreError: other measurements are of another version.
         """
-        self.versions(MEASURED, document.get("made_by"))
-        self._write(self._measured(key), "measured", document)
+        self.versions.of(MEASURED, document.get("made_by"))
+        self.files.write(self._measured(key), "measured", document)
 
     def _measured(self, key: Key) -> Path:
         return self.folder / MEASURED / f"{key.stem}.json"
-
-    def versions(self, kind: str, now: Mapping[str, str] | None = None) -> Versions:
-        """What made all trials or all measurements (:data:`TRIALS`, :data:`MEASURED`) of the experiment, which compares them.
-
-        Results that do not say what made them, as those of before versions were kept, go with any.
-
-        Args:
-            kind: of results.
-            now: what would make more of them.
-
-        Raises:
-            StoreError: they are of two versions, or ``now`` is another; the message says what to do.
-        """
-        known, parts, unknown = dict(now or {}), 0, 0
-        for path, versions in self._made_by(kind):
-            for each in versions.values():
-                parts += 1
-                unknown += each is None
-                if differs := differing(each or {}, known):
-                    raise StoreError(
-                        f"{path} was made by another version: {'; '.join(differs)}; results of two versions do not mix: move "
-                        f"{path.parent} away to have all of them made anew, or give another --out"
-                    )
-                known |= each or {}
-        return Versions(known, parts, unknown)
-
-    def outdated(self, kind: str, now: Callable[[str], Mapping[str, str]]) -> dict[tuple[str, str], list[str]]:
-        """What is of another version than would make it now: what differs, by the stem of its file and its block.
-
-        Args:
-            kind: trials or measurements; of these the block is empty.
-            now: what would make them on robots of a physics.
-        """
-        found = {}
-        for path, versions in self._made_by(kind):
-            for part, each in versions.items():
-                if each is not None and (differs := differing(each, now(path.stem.rpartition("-")[2]))):
-                    found[path.stem, part] = differs
-        return found
-
-    def set_aside(self, kind: str, now: Callable[[str], Mapping[str, str]]) -> Path | None:
-        """Move what is of another version than now's out of what counts; the folder where it lies then, None if there is none."""
-        outdated = self.outdated(kind, now)
-        if not outdated:
-            return None
-        paths = [self.folder / kind / f"{stem}.json" for stem in sorted({stem for stem, _ in outdated})]
-        aside = self._new_folder_aside(kind)
-        for path in paths:
-            kept = self._read(path)
-            assert kept is not None
-            gone = {part for stem, part in outdated if stem == path.stem}
-            self._write(aside / path.name, kind, _parts(kept, gone) if kind == TRIALS else kept)
-            if kind == TRIALS and (left := kept["blocks"].keys() - gone):
-                self._write(path, kind, _parts(kept, left))
-            else:
-                path.unlink()
-        return aside
-
-    def _new_folder_aside(self, kind: str) -> Path:
-        numbers = (number for number in count(1) if not (self.folder / SET_ASIDE / f"version-{number}" / kind).exists())
-        return self.folder / SET_ASIDE / f"version-{next(numbers)}" / kind
-
-    def aside(self) -> dict[str, int]:
-        """How many trainings, blocks of trials and measurements do not count any more, by their kind."""
-        found = {kind: sorted((self.folder / SET_ASIDE).glob(f"*/{kind}/*.json")) for kind in (RUNS, TRIALS, MEASURED)}
-        found[RUNS] = [path for path in found[RUNS] if not path.name.endswith(".manifest.json")]
-        blocks = sum(len(json.loads(path.read_text())["blocks"]) for path in found[TRIALS])
-        return {RUNS: len(found[RUNS]), TRIALS: blocks, MEASURED: len(found[MEASURED])}
-
-    def _made_by(self, kind: str) -> Iterator[tuple[Path, dict[str, Mapping[str, str] | None]]]:
-        """Of each file of a kind that belongs to the experiment what made its blocks, None where it does not say."""
-        stems = {Key(cell.name, seed).stem for cell in self.experiment.cells for seed in cell.seeds}
-        for path in sorted((self.folder / kind).glob("*.json")):
-            kept = self._read(path) if path.stem.rpartition("-")[0] in stems else None
-            if kept is not None:
-                made_by = kept.get("made_by")
-                of_blocks = {block: (made_by or {}).get(block) for block in kept.get("blocks", ())}
-                yield path, of_blocks if kind == TRIALS else {"": made_by}
 
     def write_document(self, text: str) -> Path:
         """Write the JSON of all findings beside the results."""
@@ -324,38 +233,16 @@ class Store:
         return self.pages or self.out
 
     def _of_design(self, path: Path, key: Key, differs: Callable[..., list[str]]) -> dict[str, Any] | None:
-        if (kept := self._read(path)) is not None:
+        if (kept := self.files.read(path)) is not None:
             cell = self.experiment.cell(key.cell)
             found = differs(kept, self.experiment, cell, key.physics, self.policy_digest(cell, key.seed))
             self._refuse(path, found, "it")
         return kept
 
-    def _write(self, path: Path, kind: str, document: Mapping[str, Any]) -> None:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        whole = {"format": f"trifarm-experiment-{kind}/1", "quick": self.experiment.quick} | dict(document)
-        fresh = path.with_suffix(".new")
-        fresh.write_text(json.dumps(whole, indent=1) + "\n")
-        put_in_place(fresh, path)
-
     def _refuse(self, path: Path, differs: Sequence[str], what: str) -> None:
         if differs:
             what_to_do = f"move {what} away to have it made anew, or give another --out"
             raise StoreError(f"{path} was made by another design: {'; '.join(differs)}; {what_to_do}")
-
-    def _read(self, path: Path) -> dict[str, Any] | None:
-        if not path.exists():
-            return None
-        found = json.loads(path.read_text())
-        if found["quick"] != self.experiment.quick:
-            kind = "a quick form" if found["quick"] else "the full form"
-            raise StoreError(f"{path} is a result of {kind}; quick and full results do not mix: give another --out")
-        return found
-
-
-def _parts(kept: Mapping[str, Any], blocks: Collection[str]) -> dict[str, Any]:
-    """Trials with some of their blocks alone."""
-    of_blocks = {name: kept[name] for name in ("blocks", "made_by") if name in kept}
-    return dict(kept) | {name: {key: part[key] for key in part if key in blocks} for name, part in of_blocks.items()}
 
 
 def thinned(points: Sequence[Any], most: int) -> list[Any]:

@@ -8,8 +8,9 @@ from experiments.contrasts import Judged
 from experiments.design import UNITS, Contrast, Measure
 from experiments.findings import Findings, InARow, Rate
 from experiments.judging import LEVEL, Arrival, Difference, Observed, Verdict
+from experiments.kept_versions import SET_ASIDE
 from experiments.power import power_as_observed
-from experiments.store import MEASURED, RUNS, SET_ASIDE, TRIALS
+from experiments.result_files import MEASURED, RUNS, TRIALS
 
 NOT_RUN = "not run yet"
 THESE_ONLY = {1: "1 run: these policies only"}

@@ -28,7 +28,8 @@ from experiments.recipe_files import (
     toml_of,
     write_recipe,
 )
-from experiments.store import Key, Store, StoreError
+from experiments.result_files import Key, StoreError
+from experiments.store import Store
 from sim_backend.folder_lock import taken
 
 POLL_EVERY_S = 0.5

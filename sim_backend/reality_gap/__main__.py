@@ -14,7 +14,7 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # before numpy is impo
     os.environ.setdefault(name, "1")
 
 from sim_backend.reality_gap.recording import RecordingError  # noqa: E402
-from sim_backend.refusal import refused  # noqa: E402
+from sim_backend.refusal import ended, refused  # noqa: E402
 
 EXIT_INTERRUPTED = 130
 _QUIET_S = 1.0
@@ -126,6 +126,6 @@ class _Progress:
 
 if __name__ == "__main__":
     try:
-        sys.exit(main())
+        sys.exit(ended(main))
     except KeyboardInterrupt:
         sys.exit(EXIT_INTERRUPTED)

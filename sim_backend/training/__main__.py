@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from sim_backend.extras import how_to_install
 from sim_backend.folder_lock import TakenError, taken
-from sim_backend.refusal import refused
+from sim_backend.refusal import ended, refused
 from sim_backend.workers.pool import WorkersError
 
 if TYPE_CHECKING:
@@ -123,4 +123,4 @@ def _tell(line: str) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(ended(main))

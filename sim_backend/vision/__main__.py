@@ -8,7 +8,7 @@ import json
 import sys
 from pathlib import Path
 
-from sim_backend.refusal import refused
+from sim_backend.refusal import ended, refused
 from sim_backend.vision.cameras import CamerasMissingError
 from sim_backend.vision.film import FilmError, write_film
 from sim_backend.vision.pictures import as_file
@@ -72,4 +72,4 @@ def _in_words(said: dict[str, object]) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(ended(main))

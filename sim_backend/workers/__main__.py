@@ -4,7 +4,7 @@ import argparse
 import json
 import sys
 
-from sim_backend.refusal import EXIT_OTHER, refused
+from sim_backend.refusal import EXIT_OTHER, ended, refused
 from sim_backend.workers.cluster import status
 from sim_backend.workers.pool import WorkersError
 
@@ -32,4 +32,4 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(ended(main))

@@ -10,6 +10,7 @@ import pytest
 from client_cli.commands import report
 from services.jobs.reports import sign
 from services.signing import FarmKey
+from sim_backend import refusal
 from tests.unit.client_cli.farm_server import JOB_ID
 from tests.unit.report_views.test_text import report as some_report
 from tests.unit.report_views.test_text import trial
@@ -56,6 +57,32 @@ def test_a_closed_pipe_is_no_error_to_talk_about(farm, command):
     with os.fdopen(writer, "w") as closed:
         ended = _run(*command, stdout=closed)
     assert (ended.returncode, ended.stderr) == (1, "")
+
+
+IN_A_PROCESS_OF_ITS_OWN = ["experiment", "--list"]
+
+
+def test_a_closed_pipe_behind_a_command_s_own_process_is_no_error_either():
+    reader, writer = os.pipe()
+    os.close(reader)
+    with os.fdopen(writer, "w") as closed:
+        ended = _run(*IN_A_PROCESS_OF_ITS_OWN, stdout=closed)
+    assert (ended.returncode, ended.stderr.splitlines()[1:]) == (1, []), "the first line says where results are"
+
+
+def test_a_full_disk_behind_a_command_s_own_process_is_one_line():
+    with Path("/dev/full").open("w") as full:
+        ended = _run(*IN_A_PROCESS_OF_ITS_OWN, stdout=full)
+    assert ended.returncode == 2
+    assert ended.stderr.splitlines()[1:] == ["error: cannot use the standard output: No space left on device"]
+
+
+def test_a_pipe_that_breaks_elsewhere_in_a_program_is_told():
+    def program():
+        raise BrokenPipeError("a worker has gone")
+
+    with pytest.raises(BrokenPipeError, match="a worker has gone"):
+        refusal.ended(program)
 
 
 def test_ctrl_c_ends_any_command_with_130_and_no_words(trifarm, monkeypatch):

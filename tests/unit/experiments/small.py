@@ -12,7 +12,8 @@ from experiments.agreement import training_of
 from experiments.catalogue import CATALOGUE
 from experiments.design import Cell, Contrast, Experiment, Farm, FarmTrials, Measure
 from experiments.recipe_files import wanted_recipe
-from experiments.store import Key, Store
+from experiments.result_files import Key
+from experiments.store import Store
 from sim_backend.training.recipe import load_recipe
 
 TRIALS = FarmTrials("push", farms=(Farm("real"),), blocks=2, block=5, seed=100)

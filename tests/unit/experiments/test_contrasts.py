@@ -12,8 +12,8 @@ from experiments.findings import findings
 from experiments.judging import Arrival, Difference, Verdict
 from experiments.page import experiment_page, overview
 from experiments.power import Design, power
+from experiments.result_files import Key
 from experiments.run import document
-from experiments.store import Key
 from tests.unit.experiments.small import SMALL, TRIALS, complete, rows, store_of, train
 
 
@@ -104,7 +104,7 @@ def keep_demonstrations(tmp_path, of_none, of_25, of_100):
             kept["evaluations"] = [
                 {"samples": at, "physics": "nominal", "success_rate": rate, "trials": 64} for at, rate in rates.items()
             ]
-            store._write(store.folder / "runs" / f"{Key(cell.name, seed).stem}.json", "run", kept)
+            store.files.write(store.folder / "runs" / f"{Key(cell.name, seed).stem}.json", "run", kept)
     return findings(experiment, store)
 
 

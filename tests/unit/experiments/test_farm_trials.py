@@ -10,7 +10,7 @@ import pytest
 from api_schemas.trial import OutcomeKind
 from experiments.farm_trials import WeightsMissingError, by_goal, rows_of, run_blocks, weights_of
 from experiments.plan import BlockPiece, missing
-from experiments.store import Key, StoreError
+from experiments.result_files import Key, StoreError
 from tests.unit.experiments.small import SMALL, TRIALS, store_of, train
 
 
@@ -106,7 +106,7 @@ def test_blocks_are_added_to_those_of_before_versions_were_kept(trained):
     for path in (trained.folder / "trials").glob("*.json"):
         path.write_text(json.dumps({name: part for name, part in json.loads(path.read_text()).items() if name != "made_by"}))
     assert run(trained, Asked())
-    found = trained.versions("trials")
+    found = trained.versions.of("trials")
     assert (found.parts, found.unknown, found.known["code"]) == (8, 4, "c" * 16)
 
 

@@ -9,7 +9,7 @@ from experiments.catalogue import CATALOGUE
 from experiments.design import Farm, FarmTrials
 from experiments.figures import COLOURS, figure_of
 from experiments.findings import findings
-from experiments.store import Key
+from experiments.result_files import Key
 from tests.unit.experiments.small import SMALL, TRIALS, complete, rows, store_of, train
 
 

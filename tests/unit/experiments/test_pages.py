@@ -15,8 +15,9 @@ from experiments.findings import findings
 from experiments.judging import Verdict
 from experiments.page import _passed_over, experiment_page, overview
 from experiments.power import Design, power
+from experiments.result_files import Key
 from experiments.run import document, write
-from experiments.store import Key, Store
+from experiments.store import Store
 from tests import ROOT
 from tests.cli_pages import SECTIONS, names_after
 from tests.unit.experiments.small import SMALL, complete, rows, store_of, train
@@ -155,7 +156,7 @@ def test_a_page_says_what_does_not_count_and_that_another_version_begins_anew(tm
     store.keep_block(key, 0, rows(0, 2), {"task": "push"}, {"code": "c" * 16})
     page = experiment_page(findings(SMALL, store), figure=False)
     assert "1 blocks of trials or measurements count as done while the code is that which made them (below)" in page
-    store.set_aside("trials", lambda _: {"code": "d" * 16})
+    store.versions.set_aside("trials", lambda _: {"code": "d" * 16})
     page = experiment_page(findings(SMALL, store), figure=False)
     assert "count as done while" not in page
     assert "- not counted any more, and kept in `results/experiments/small/set-aside`: 1 blocks of trials" in page

@@ -16,7 +16,8 @@ from experiments.plan import BlockPiece, MeasuringPiece, TrainingPiece, Wanted, 
 from experiments.power import SPREAD, power, power_of_arrivals
 from experiments.quick_form import quick_form
 from experiments.recipe_files import REAL, reduced_real, start_document, start_name, toml_of, write_recipe
-from experiments.store import Key, Store
+from experiments.result_files import Key
+from experiments.store import Store
 from sim_backend.effects.ranges import load_ranges
 from sim_backend.training.recipe import load_recipe
 from tests import ROOT

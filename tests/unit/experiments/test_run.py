@@ -15,8 +15,8 @@ from experiments import run as running
 from experiments.__main__ import main
 from experiments.catalogue import CATALOGUE
 from experiments.plan import Wanted
+from experiments.result_files import Key
 from experiments.run import Settings, run
-from experiments.store import Key
 from sim_backend.folder_lock import taken
 from tests.unit.experiments.small import SMALL, rows, store_of, train
 
@@ -148,7 +148,7 @@ def test_blocks_of_another_version_are_told_before_training_and_set_aside_when_t
     assert "2 of 12 pieces of work are done; asked for now: 10" in "\n".join(before), "two trainings, and no block"
     assert store.trials(key) is not None, "nothing is moved before trials begin"
     run(SMALL, store, settings)
-    assert store.trials(key) is None and store.aside()["trials"] == 1
+    assert store.trials(key) is None and store.versions.aside()["trials"] == 1
     assert ("first", 1, 0) in {(piece.cell.name, piece.seed, piece.block) for piece in seen[-1]}
 
 

@@ -9,7 +9,8 @@ from experiments.catalogue import CATALOGUE
 from experiments.design import Farm
 from experiments.findings import findings
 from experiments.recipe_files import wanted_recipe
-from experiments.store import LARGEST_WEIGHTS, Key, StoreError, thinned
+from experiments.result_files import Key, StoreError
+from experiments.store import LARGEST_WEIGHTS, thinned
 from tests.disk_steps import in_place, noted_steps
 from tests.unit.experiments.small import SMALL, TRIALS, leave_training, quick_small, rows, store_of, train, write_policy
 
@@ -188,11 +189,11 @@ def test_blocks_of_two_versions_do_not_mix_in_a_run_nor_between_cells(tmp_path, 
     with pytest.raises(StoreError, match=sentence):
         store.keep_block(key, 1, rows(1, 3), {}, MADE_BY | {name: value})
     store.keep_block(key, 1, rows(1, 3), {}, MADE_BY)
-    assert (store.versions("trials").known, store.versions("trials").unknown) == (MADE_BY, 0)
+    assert (store.versions.of("trials").known, store.versions.of("trials").unknown) == (MADE_BY, 0)
     path = store.folder / "trials" / f"{key.stem}.json"
     rewrite(path, lambda kept: kept["made_by"]["1"].update({name: value}))
     with pytest.raises(StoreError, match="results of two versions do not mix"):
-        store.versions("trials")
+        store.versions.of("trials")
 
 
 def test_what_is_of_another_version_is_set_aside_and_not_deleted(tmp_path):
@@ -201,15 +202,20 @@ def test_what_is_of_another_version_is_set_aside_and_not_deleted(tmp_path):
     store.keep_block(Key("other", 1, "real"), 0, rows(0, 3), ABOUT)
     path = store.folder / "trials" / "first-seed1-real.json"
     before = path.read_bytes()
-    assert store.outdated("trials", lambda _: MADE_BY) == {} and store.set_aside("trials", lambda _: MADE_BY) is None
+    assert (
+        store.versions.outdated("trials", lambda _: MADE_BY) == {}
+        and store.versions.set_aside("trials", lambda _: MADE_BY) is None
+    )
     now = MADE_BY | {"code": "d" * 16}
-    assert store.outdated("trials", lambda _: now) == {("first-seed1-real", "0"): [f"code was {'c' * 16} and is {'d' * 16}"]}
-    aside = store.set_aside("trials", lambda _: now)
+    assert store.versions.outdated("trials", lambda _: now) == {
+        ("first-seed1-real", "0"): [f"code was {'c' * 16} and is {'d' * 16}"]
+    }
+    aside = store.versions.set_aside("trials", lambda _: now)
     assert aside is not None and not path.exists() and (aside / path.name).read_bytes() == before
-    assert store.aside() == {"runs": 0, "trials": 1, "measured": 0}
+    assert store.versions.aside() == {"runs": 0, "trials": 1, "measured": 0}
     assert store.trials(Key("other", 1, "real")) is not None, "what says no version goes with any"
     store.keep_block(key, 0, rows(0, 2), ABOUT, now)
-    again = store.set_aside("trials", lambda _: MADE_BY)
+    again = store.versions.set_aside("trials", lambda _: MADE_BY)
     assert again is not None and again != aside and (aside / path.name).read_bytes() == before
 
 
@@ -217,7 +223,7 @@ def test_of_blocks_in_one_file_those_of_the_present_version_stay(tmp_path):
     store, key = store_of(tmp_path), Key("first", 1, "real")
     store.keep_block(key, 0, rows(0, 2), ABOUT)
     store.keep_block(key, 1, rows(1, 3), ABOUT, MADE_BY)
-    aside = store.set_aside("trials", lambda _: MADE_BY | {"trifarm": "0.2.0"})
+    aside = store.versions.set_aside("trials", lambda _: MADE_BY | {"trifarm": "0.2.0"})
     assert aside is not None
     kept, gone = store.trials(key), json.loads((aside / "first-seed1-real.json").read_text())
     assert list(kept["blocks"]) == ["0"] and kept["made_by"] == {}
@@ -228,9 +234,9 @@ def test_measurements_of_another_version_are_set_aside(tmp_path):
     store = store_of(tmp_path, CATALOGUE["consecutive"])
     store.keep_measured(Key("push", 1, "real"), {"made_by": MADE_BY})
     store.keep_measured(Key("push", 1, "nominal"), {"made_by": {"code": "c" * 16}})
-    store.set_aside("measured", lambda physics: {"code": "c" * 16, f"physics {physics}": "f" * 16})
+    store.versions.set_aside("measured", lambda physics: {"code": "c" * 16, f"physics {physics}": "f" * 16})
     assert store.measured(Key("push", 1, "real")) is None and store.measured(Key("push", 1, "nominal")) is not None
-    assert store.aside()["measured"] == 1
+    assert store.versions.aside()["measured"] == 1
 
 
 def continued(store, cell, seed, digest):
@@ -263,7 +269,7 @@ def test_farms_of_two_physics_are_one_version(tmp_path):
     of_nominal = {"trifarm": "0.1.0", "code": "c" * 16, "physics nominal": "e" * 16}
     store.keep_block(Key("first", 1, "real"), 0, rows(0, 2), {}, MADE_BY)
     store.keep_block(Key("first", 1, "nominal"), 0, rows(0, 2), {}, of_nominal)
-    assert store.versions("trials").known == MADE_BY | of_nominal
+    assert store.versions.of("trials").known == MADE_BY | of_nominal
 
 
 def test_blocks_of_before_versions_were_kept_stay_usable_and_are_counted_as_unknown(tmp_path):
@@ -273,7 +279,7 @@ def test_blocks_of_before_versions_were_kept_stay_usable_and_are_counted_as_unkn
     store.keep_block(key, 1, rows(1, 3), ABOUT, MADE_BY)
     kept = store.trials(key)
     assert sorted(kept["blocks"]) == ["0", "1"] and kept["made_by"] == {"1": MADE_BY}
-    found = store.versions("trials")
+    found = store.versions.of("trials")
     assert (found.known, found.parts, found.unknown) == (MADE_BY, 2, 1)
 
 
@@ -281,11 +287,11 @@ def test_measurements_of_two_versions_do_not_mix(tmp_path):
     store = store_of(tmp_path, CATALOGUE["consecutive"])
     store.keep_measured(Key("push", 1, "real"), {"made_by": MADE_BY})
     store.keep_measured(Key("lift", 1, "real"), {})
-    assert store.versions("measured").unknown == 1
+    assert store.versions.of("measured").unknown == 1
     with pytest.raises(StoreError, match=r"code was c+ and is d+"):
         store.keep_measured(Key("push", 1, "nominal"), {"made_by": {"code": "d" * 16}})
     store.keep_measured(Key("push", 1, "nominal"), {"made_by": {"code": "c" * 16, "physics nominal": "e" * 16}})
-    assert store.versions("measured").parts == 3
+    assert store.versions.of("measured").parts == 3
 
 
 def test_measurements_are_of_the_policy_and_of_what_is_asked(tmp_path):

@@ -16,7 +16,7 @@ from experiments import trainer
 from experiments.design import Start
 from experiments.plan import TrainingPiece, missing
 from experiments.recipe_files import write_recipe
-from experiments.store import StoreError
+from experiments.result_files import StoreError
 from experiments.trainer import TrainingFailedError, train_all
 from sim_backend.folder_lock import taken
 from tests.unit.experiments.small import SMALL, leave_training, store_of
