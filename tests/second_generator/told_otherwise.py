@@ -96,6 +96,13 @@ def last_scaled(torques: np.ndarray) -> np.ndarray:
     return torques * by
 
 
+def crossed(torques: np.ndarray) -> np.ndarray:
+    """The last one with a tenth of the first in it, as by wires that lie side by side."""
+    by = np.zeros(torques.shape[1])
+    by[-1] = 0.1
+    return torques + torques[:, :1] * by
+
+
 def without_gravity(table: Table) -> np.ndarray:
     """Torques less what gravity takes."""
     rows, data, model = table.rows.copy(), mujoco.MjData(table.model), table.model
@@ -195,6 +202,7 @@ WAYS: dict[str, Callable[[Table], np.ndarray]] = {
     "rows held": held(),
     "rows lost": rows_lost,
     "stamps late": stamps_late,
+    "torques crossed": of_torques(crossed),
     "torques 0.5": of_torques(lambda torques: 0.5 * torques),
     "torques 0.8": of_torques(lambda torques: 0.8 * torques),
     "torques 1.73": of_torques(lambda torques: np.sqrt(3.0) * torques),

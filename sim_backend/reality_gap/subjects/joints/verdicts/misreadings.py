@@ -25,6 +25,8 @@ CLOCK_FALLS_TO = 0.5
 _LATEST_S, _CLOCK_STEP_S = 0.1, 0.002
 _PACES, _LEAST_PACE = np.linspace(0.8, 1.25, 91), 0.02
 """Of clocks, relative to the told one, and by how much one is off that no tolerated mass or inertia stands for."""
+_UNIT_LEAVES = 1.0 / 3.0
+"""Of what a joint's motion takes torques in another unit leave less; with any factor those of something else leave more."""
 PLAUSIBLE_FACTOR = 2.0
 """A torque constant may be off by so much; beyond it a number is in another unit."""
 _BLURRED_RAD_S = 0.02
@@ -211,6 +213,7 @@ def _with_torques(
     after, factors = _errors(rows), np.ones(len(rows))
     turned: list[int] = []
     scaled: dict[int, float] = {}
+    foreign: dict[int, float] = {}
     for j, of_joint in enumerate(rows):
         if not np.isfinite(after[j]):
             continue
@@ -220,8 +223,8 @@ def _with_torques(
             turned.append(j)
         elif not joints and free <= FALLS_TO * min(after[j], without) and _is_implausible(factor):
             after[j], factors[j] = free, factor
-            scaled[j] = factor
-    touched, these = tuple(sorted({*joints, *turned, *scaled})), [names[j] for j in turned]
+            (scaled if free <= _UNIT_LEAVES * without else foreign)[j] = factor
+    touched, these = tuple(sorted({*joints, *turned, *scaled, *foreign})), [names[j] for j in turned]
     parts, checks = [said] if said else [], [check] if check else []
     if turned and set(turned) == set(joints) and "other way" in said:
         parts = [f"{listed([names[j] for j in joints])} counts the other way round, position and torque"]
@@ -231,6 +234,10 @@ def _with_torques(
     if scaled:
         parts.append(_of_units(scaled, names))
         checks.append(f"torque_unit of {listed([names[j] for j in scaled])}")
+    if foreign:
+        who = listed([names[j] for j in foreign])
+        parts.append(f"the torques of {who} are mostly not the joint's own")
+        checks.append(f"what the torques of {who} hold")
     if parts:
         yield Misreading(" and ".join(parts), " and ".join(checks), touched, after, Reading(by, factors))
 

@@ -22,6 +22,7 @@ from tests.unit.sim_backend.reality_gap.subjects.joints.inverse_arm import (
 FRICTION_NM = (0.2, 0.1)
 Told = tuple[np.ndarray, np.ndarray]
 ELBOW = np.array([1.0, -1.0])
+SHOULDER_S_TOO = np.array([[1.0, 10.0], [0.0, 1.0]])
 MISREAD: dict[str, tuple[Callable[[np.ndarray, np.ndarray], Told], str]] = {
     "torque turned": (lambda q, t: (q, -t), "the torques of shoulder and elbow have the opposite sign"),
     "one torque turned": (lambda q, t: (q, t * ELBOW), "the torques of elbow have the opposite sign"),
@@ -29,6 +30,7 @@ MISREAD: dict[str, tuple[Callable[[np.ndarray, np.ndarray], Told], str]] = {
     "one joint turned": (lambda q, t: (q * ELBOW, t * ELBOW), "elbow counts the other way round, position and torque"),
     "N cm": (lambda q, t: (q, 1e2 * t), "the torques of shoulder and elbow are 100 times smaller (as if N cm were read as N m)"),
     "ampere": (lambda q, t: (q, t / 0.1), "the torques of shoulder and elbow are 10 times smaller"),
+    "another's torque": (lambda q, t: (q, t @ SHOULDER_S_TOO), "the torques of elbow are mostly not the joint's own"),
     "degrees": (lambda q, t: (np.degrees(q), t), "the positions of shoulder and elbow are in degrees, not in rad"),
     "one in degrees": (lambda q, t: (q * [1.0, 180 / np.pi], t), "the positions of elbow are in degrees, not in rad"),
     "late torque": (lambda q, t: (q, np.roll(t, 10, axis=0)), "the torques acted 20 ms earlier than they are dated"),
