@@ -23,6 +23,7 @@ CHANGED = {
     "clock slow": {0},
     "one torque off": {5},
     "one torque scaled": {5},
+    "torques crossed": {5},
     "positions filtered": OF_POSITIONS,
     "positions held": OF_POSITIONS,
     "rows held": OF_TORQUES | OF_POSITIONS,
