@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
-from sim_backend.driver.physics_backend import BackendError, PhysicsBatch
+from sim_backend.driver.physics_batch import BackendError, PhysicsBatch
 from sim_backend.effects import record as r
 from sim_backend.trifinger import constants as c
 

@@ -1,12 +1,13 @@
-"""Where the physics runs: MuJoCo's own batch on the processor, or mujoco_warp on a GPU; to the driver both are a batch."""
+"""Where the physics runs: MuJoCo on the processor, or mujoco_warp on a GPU; to the driver all are a batch."""
 
-from collections.abc import Sequence
 from enum import StrEnum
-from typing import Any, Protocol
 
 import mujoco
 import numpy as np
 from mujoco.batch import Batch
+
+from sim_backend.driver.lone_simulation import LoneSimulation
+from sim_backend.driver.physics_batch import PhysicsBatch, Rows
 
 
 class PhysicsBackend(StrEnum):
@@ -17,50 +18,20 @@ class PhysicsBackend(StrEnum):
     WARP_CPU = "warp-cpu"
 
 
-class BackendError(ValueError):
-    """The physics cannot run where it was asked for; the message says what is missing and what to do."""
+class CpuBatch(Batch):
+    """MuJoCo's own batch, with what the driver wants of a rollout."""
 
-
-class UnvariedFieldError(BackendError):
-    """A robot's model differs from the others' in fields that must be the same for all."""
-
-    def __init__(self, row: int, fields: Sequence[str]) -> None:
-        super().__init__(f"robot {row} differs from the others in {', '.join(fields)}, which mujoco_warp has once for all")
-        self.row = row
-
-
-class PhysicsBatch(Protocol):
-    """n simulations, as ``mujoco.batch.Batch`` has them and as far as the driver uses them."""
-
-    @property
-    def models(self) -> Any:
-        """Of all simulations, or None."""
-        ...
-
-    @property
-    def warning(self) -> Any:
-        """What MuJoCo warned of, by simulation."""
-        ...
-
-    def bind(self, name: str) -> np.ndarray:
-        """A field of all simulations, shape (n, size), to be read and written in place."""
-        ...
-
-    def set_models(self, models: list[mujoco.MjModel] | None) -> None:
-        """A model for each simulation; the batch's own for all if None."""
-        ...
-
-    def reset(self, *, ids: np.ndarray, stage: Any) -> None:
-        """Put some simulations into their initial state."""
-        ...
-
-    def forward(self, *, ids: np.ndarray) -> None:
-        """Compute what follows from the states of some simulations."""
-        ...
-
-    def rollout(self, nstep: int, control: np.ndarray, *, record: Sequence[Any]) -> dict[Any, np.ndarray]:
-        """Advance by some steps with a control of its own in each, shape (n, steps, nu); fields after each step."""
-        ...
+    def advance(self, torque_nm: np.ndarray, *, report: bool) -> Rows:
+        """As of :class:`PhysicsBatch`; what is left of an unstable simulation's rows repeats the last."""
+        steps = torque_nm.shape[1]
+        before = {name: self.bind(name) for name in ("qpos", "qvel")}
+        rows = {name: np.empty((self.nsim, steps, values.shape[1])) for name, values in before.items()}
+        for name, values in before.items():
+            rows[name][:, 0] = values
+        after = self.rollout(steps, torque_nm, record=(*before, "ctrl", "sensordata") if report else (*before, "ctrl"))
+        for name, values in rows.items():
+            values[:, 1:] = after[name][:, :-1]
+        return Rows(**rows, ctrl=after["ctrl"], report=after.get("sensordata"))
 
 
 def open_batch(backend: PhysicsBackend | str, model: mujoco.MjModel, robots: int, threads: int) -> PhysicsBatch:
@@ -71,7 +42,7 @@ def open_batch(backend: PhysicsBackend | str, model: mujoco.MjModel, robots: int
     """
     chosen = PhysicsBackend(backend)
     if chosen is PhysicsBackend.CPU:
-        return Batch(model, robots, nthread=threads)
+        return LoneSimulation(model) if robots == 1 else CpuBatch(model, robots, nthread=threads)
     from sim_backend.driver.warp_batch import WarpBatch
 
     return WarpBatch(model, robots, device="cpu" if chosen is PhysicsBackend.WARP_CPU else None, threads=threads)

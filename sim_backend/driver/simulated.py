@@ -11,7 +11,8 @@ import numpy as np
 from sim_backend.driver import native_control
 from sim_backend.driver.driver import Command, Measurement, Segment, Start
 from sim_backend.driver.fingertip_force import fingertip_force
-from sim_backend.driver.physics_backend import BackendError, PhysicsBackend, UnvariedFieldError, open_batch
+from sim_backend.driver.physics_backend import PhysicsBackend, open_batch
+from sim_backend.driver.physics_batch import BackendError, UnvariedFieldError
 from sim_backend.driver.robot_model import compile_robot, moving_bounds, needs_model, parameter_slots
 from sim_backend.effects import record as r
 from sim_backend.effects.catalogue import CATALOGUE
@@ -23,7 +24,6 @@ from sim_backend.trifinger.scene import ARENA_BITS
 
 _STATE = ("time", "qpos", "qvel", "act", "history", "qacc_warmstart", "ctrl", "qfrc_applied", "userdata")
 """Fields of a simulation that its next step depends on."""
-_RECORD, _RECORD_WITH_EFFECTS = ("qpos", "qvel", "ctrl"), ("qpos", "qvel", "ctrl", "sensordata")
 
 
 class PhysicsDivergedError(Exception):
@@ -258,16 +258,12 @@ class SimulatedDriver:
     def advance_torques(self, torque_nm: np.ndarray) -> Segment:
         """Apply a torque of its own in every step; shape (n, steps, 9), N m, C-contiguous."""
         steps = torque_nm.shape[1]
-        qpos, qvel = np.empty((self._robots, steps, self._model.nq)), np.empty((self._robots, steps, self._model.nv))
-        qpos[:, 0], qvel[:, 0] = self._qpos, self._qvel
-        out = self._batch.rollout(steps, torque_nm, record=_RECORD_WITH_EFFECTS if self._effects_on else _RECORD)
+        qpos, qvel, applied, report = self._batch.advance(torque_nm, report=self._effects_on)
         if self._divergence_ends and np.count_nonzero(self._batch.warning):  # a third of what any() takes
             raise PhysicsDivergedError(f"the physics diverged between step {self._step} and {self._step + steps}")
-        qpos[:, 1:], qvel[:, 1:] = out["qpos"][:, :-1], out["qvel"][:, :-1]
-        applied, position, velocity = out["ctrl"], qpos[:, :, :9], qvel[:, :, :9]
+        position, velocity = qpos[:, :, :9], qvel[:, :, :9]
         measured = (position, velocity, applied, applied)
-        if self._effects_on:
-            report = out["sensordata"]
+        if report is not None:
             measured = tuple(report[:, :, first : first + 9] for first in (0, 9, 18, 27))
         self._torque_nm = measured[2][:, -1].copy()
         first, self._step = self._step, self._step + steps

@@ -9,7 +9,7 @@ mujoco_warp calculates in single precision: its trajectories are near MuJoCo's, 
 """
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import mujoco
@@ -19,7 +19,7 @@ from numba import types
 
 from sim_backend.driver.compilation import compiled_once
 from sim_backend.driver.control_step import protect_nominal, set_bounds, step_with_effects
-from sim_backend.driver.physics_backend import BackendError, UnvariedFieldError
+from sim_backend.driver.physics_batch import BackendError, Rows, UnvariedFieldError
 from sim_backend.effects import record as r
 from sim_backend.extras import how_to_install
 
@@ -151,31 +151,24 @@ class WarpBatch:
             self._send_field(name)
         self.models = None if models is None else list(models)
 
-    def rollout(self, nstep: int, control: np.ndarray, *, record: Sequence[str]) -> dict[str, np.ndarray]:
-        """Advance by some steps.
-
-        Args:
-            nstep: steps.
-            control: desired torques, shape (n, steps, 9), N m.
-            record: fields to give, of ``qpos``, ``qvel``, ``ctrl`` and ``sensordata``.
-
-        Returns:
-            Each field after each step, shape (n, steps, size); ``ctrl`` and ``sensordata`` are those of the step.
-        """
-        host = self._host
-        out = {name: np.empty((self._n, nstep, host[name].shape[1])) for name in record}
+    def advance(self, torque_nm: np.ndarray, *, report: bool) -> Rows:
+        """As of :class:`PhysicsBatch`; an unstable simulation begins anew from its initial state."""
+        host, shape = self._host, torque_nm.shape[:2]
+        qpos, qvel, ctrl = (np.empty((*shape, host[name].shape[1])) for name in ("qpos", "qvel", "ctrl"))
+        reports = np.empty((*shape, r.REPORT_SIZE)) if report else None
         self._ask_bias()
         with self._warp.ScopedDevice(self._device):
             self._send("qpos", "qvel")
-            for step in range(nstep):
-                host["ctrl"][:] = control[:, step]
+            for step in range(shape[1]):
+                qpos[:, step], qvel[:, step], host["ctrl"][:] = host["qpos"], host["qvel"], torque_nm[:, step]
                 self._control()
                 self._send("ctrl", "qfrc_applied")
                 self._launch()
                 self._receive()
-                for name, values in out.items():
-                    values[:, step] = host[name]
-        return out
+                ctrl[:, step] = host["ctrl"]
+                if reports is not None:
+                    reports[:, step] = host["sensordata"]
+        return Rows(qpos, qvel, ctrl, reports)
 
     def _ask_bias(self) -> None:
         """Compute what gravity and motion ask of joints, for friction by the load from outside in the first step of a trial.

@@ -6,6 +6,7 @@ robots, or with all effects of ``real``, their truth written, too.
 """
 
 import argparse
+import gc
 import json
 import os
 import subprocess
@@ -131,6 +132,9 @@ def one_core_rates(trials: int, physics: str) -> dict:
                 if index:  # the first warms caches up
                     full.append(1 / full_s)
                     bare.append(1 / bare_time_s)
+                else:
+                    gc.collect()
+                    gc.freeze()  # as the parent of robots does
                 path.unlink()
     ratios = [f / b for f, b in zip(full, bare, strict=True)]
     return {

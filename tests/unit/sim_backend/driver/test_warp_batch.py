@@ -7,7 +7,8 @@ import pytest
 
 from sim_backend.driver import warp_batch
 from sim_backend.driver.driver import Segment
-from sim_backend.driver.physics_backend import BackendError, PhysicsBackend
+from sim_backend.driver.physics_backend import PhysicsBackend
+from sim_backend.driver.physics_batch import BackendError
 from sim_backend.driver.simulated import PhysicsDivergedError, SimulatedDriver
 from sim_backend.effects.effect import Acts
 from sim_backend.effects.physics import Physics
