@@ -66,6 +66,8 @@ class Number:
         tolerated_as: which of a model's tolerances (``known_of_robot.Tolerance``) its own value of it has.
         samples_off: standard deviation of what of it may come of how an unknown robot samples and writes, in samples.
         beside: a parameter of the same effect and joint that an unknown robot's motions tell together with it.
+        form: a parameter of the same effect and joint that says of which form its law is, and its scale. An unknown robot's motions
+            are asked for it once the causes are known, since it decides of none.
     """
 
     key: str
@@ -80,6 +82,7 @@ class Number:
     tolerated_as: str = ""
     samples_off: float = 0.0
     beside: str = ""
+    form: tuple[str, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -128,7 +131,12 @@ _ENTRIES = (
     _at(Channel.MECHANICS, Number("viscous_friction.damping_nm_s_rad", 0.02, model_field="dof_damping", tolerated_as="friction")),
     _at(
         Channel.MECHANICS,
-        Number("stribeck_friction.extra_nm", 0.03, shape=Shape("stribeck_friction.speed_rad_s", (0.04, 0.12, 0.35), scale=0.1)),
+        Number(
+            "stribeck_friction.extra_nm",
+            0.03,
+            shape=Shape("stribeck_friction.speed_rad_s", (0.04, 0.12, 0.35), scale=0.1),
+            form=("stribeck_friction.exponent", 1.0),
+        ),
     ),
     _at(Channel.MECHANICS, Number("load_friction.coefficient", 0.15, beside="load_friction.external_coefficient")),
     JointEffect(
@@ -195,12 +203,15 @@ POSITION_GAIN = "position_gain.factor"
 """Of controllers: only rollouts have it where nobody recorded what they sent."""
 SHAPES: Mapping[str, Shape] = {number.shape.key: number.shape for number in NUMBERS.values() if number.shape is not None}
 """By the shape's own "effect.parameter"."""
+FORMS: Mapping[str, float] = dict(number.form for number in NUMBERS.values() if number.form is not None)
+"""Scales of what says of which form a law is, by its own "effect.parameter"."""
 SCALES: Mapping[str, float] = (
     {key: number.scale for key, number in NUMBERS.items()}
     | {key: shape.scale for key, shape in SHAPES.items() if shape.scale > 0.0}
     | {number.beside: number.scale for number in NUMBERS.values() if number.beside}
+    | FORMS
 )
-"""Scale of everything that is fitted: numbers, and what is fitted once their effect is in the model: shapes, others beside."""
+"""Scale of all that is fitted: numbers, and what is fitted once their effect is in the model: shapes, forms, others beside."""
 
 
 def scales_everything(effect: str) -> bool:

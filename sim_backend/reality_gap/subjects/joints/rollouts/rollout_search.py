@@ -1,7 +1,7 @@
 """One cause after the other: what gains most beside a model, whether a robot may be so, and which cause is needed no more."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from sim_backend.reality_gap.subjects.joints.rollouts.rollout_trials import (
     fitted_quickly,
     fitted_wholly,
     fitted_without,
+    forms_of,
     gone_on,
     settled,
 )
@@ -260,6 +261,24 @@ def without_needless(
         if problem.gained(less.squares, fit.squares) - OF_NUMBER * len(cause.terms) < GATE and may_be(search, less, rest):
             return without_needless(search, settled(problem, less), rest, kept)
     return fit, taken
+
+
+def with_forms(search: CauseSearch, fit: RolloutFit, taken: tuple[Taken, ...]) -> tuple[RolloutFit, tuple[Taken, ...]]:
+    """Causes with the forms of their laws fitted, too, each where that gains more than a number must; what then is needless goes.
+
+    A law of another form than the robot's leaves what another cause may have made up for.
+    """
+    problem, before = search.problem, fit
+    for place, cause in enumerate(taken):
+        forms = tuple(forms_of(cause.terms))
+        if not forms:
+            continue
+        formed = replace(cause, terms=(*cause.terms, *forms))
+        every = (*taken[:place], formed, *taken[place + 1 :])
+        new = settled(problem, problem.fitted(fit.state, [term for each in every for term in each.terms], fit.begin))
+        if problem.gained(fit.squares, new.squares) > OF_NUMBER * len(forms) and may_be(search, new, every):
+            fit, taken = new, every
+    return (fit, taken) if fit is before else without_needless(search, fit, taken)
 
 
 def fitted_without_cause(problem: RolloutProblem, fit: RolloutFit, taken: Sequence[Taken], cause: Taken) -> RolloutFit:

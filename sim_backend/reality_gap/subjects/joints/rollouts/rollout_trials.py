@@ -115,6 +115,13 @@ def begun(state: JointState, terms: tuple[Term, ...], values: np.ndarray) -> tup
     return state, tuple(Term(key, j, by) for j in joints for key, by in ((terms[0].key, terms[0].probe), (shape.key, probe)))
 
 
+def forms_of(terms: Sequence[Term]) -> list[Term]:
+    """Terms for what says of which form the laws of some numbers are, each at the joint of its number."""
+    numbers = [(NUMBERS.get(term.key), term.index) for term in terms]
+    keys = [(number.form[0], index) for number, index in numbers if number is not None and number.form is not None]
+    return [Term(key, index, _SHAPE_PROBE * SCALES[key]) for key, index in keys]
+
+
 def _probe(term: Term, state: JointState) -> float:
     """Change that a fit probes a number with: of a limit a little, where what proposed it went from none to a level at once."""
     is_limit = NUMBERS[term.key].begins_at_load
