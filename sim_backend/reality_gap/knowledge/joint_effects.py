@@ -66,8 +66,8 @@ class Number:
         tolerated_as: which of a model's tolerances (``known_of_robot.Tolerance``) its own value of it has.
         samples_off: standard deviation of what of it may come of how an unknown robot samples and writes, in samples.
         beside: a parameter of the same effect and joint that an unknown robot's motions tell together with it.
-        form: a parameter of the same effect and joint that says of which form its law is, and its scale. An unknown robot's motions
-            are asked for it once the causes are known, since it decides of none.
+        form: a parameter of the same effect and joint that says of which form its law is, and its scale. An unknown robot's
+            motions are asked for it once the causes are known.
     """
 
     key: str
@@ -203,7 +203,7 @@ POSITION_GAIN = "position_gain.factor"
 """Of controllers: only rollouts have it where nobody recorded what they sent."""
 SHAPES: Mapping[str, Shape] = {number.shape.key: number.shape for number in NUMBERS.values() if number.shape is not None}
 """By the shape's own "effect.parameter"."""
-FORMS: Mapping[str, float] = dict(number.form for number in NUMBERS.values() if number.form is not None)
+FORMS: dict[str, float] = dict(number.form for number in NUMBERS.values() if number.form is not None)
 """Scales of what says of which form a law is, by its own "effect.parameter"."""
 SCALES: Mapping[str, float] = (
     {key: number.scale for key, number in NUMBERS.items()}

@@ -124,6 +124,7 @@ def values_of(p: np.ndarray, j: int) -> Values:
     return (
         p[j, 0], p[j, 1], p[j, 2], p[j, 3], p[j, 4], p[j, 5], p[j, 6], p[j, 7], p[j, 8], p[j, 9],
         p[j, 10], p[j, 11], p[j, 12], p[j, 13], p[j, 14], p[j, 15], p[j, 16], p[j, 17], p[j, 18], p[j, 19],
+        p[j, 20],
     )
     # fmt: on
 
