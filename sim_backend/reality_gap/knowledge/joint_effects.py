@@ -66,8 +66,8 @@ class Number:
         tolerated_as: which of a model's tolerances (``known_of_robot.Tolerance``) its own value of it has.
         samples_off: standard deviation of what of it may come of how an unknown robot samples and writes, in samples.
         beside: a parameter of the same effect and joint that an unknown robot's motions tell together with it.
-        form: a parameter of the same effect and joint that says of which form its law is, and its scale. An unknown robot's
-            motions are asked for it once the causes are known.
+        form: a parameter of the same effect and joint that says of which form its law is, and the values of those forms that are
+            known. An unknown robot's motions are asked which it is once the causes are known.
     """
 
     key: str
@@ -82,7 +82,7 @@ class Number:
     tolerated_as: str = ""
     samples_off: float = 0.0
     beside: str = ""
-    form: tuple[str, float] | None = None
+    form: tuple[str, tuple[float, ...]] | None = None
 
 
 @dataclass(frozen=True)
@@ -135,7 +135,7 @@ _ENTRIES = (
             "stribeck_friction.extra_nm",
             0.03,
             shape=Shape("stribeck_friction.speed_rad_s", (0.04, 0.12, 0.35), scale=0.1),
-            form=("stribeck_friction.exponent", 1.0),
+            form=("stribeck_friction.exponent", (1.0, 2.0)),  # Tustin's and the bell of Gauss
         ),
     ),
     _at(Channel.MECHANICS, Number("load_friction.coefficient", 0.15, beside="load_friction.external_coefficient")),
@@ -203,15 +203,12 @@ POSITION_GAIN = "position_gain.factor"
 """Of controllers: only rollouts have it where nobody recorded what they sent."""
 SHAPES: Mapping[str, Shape] = {number.shape.key: number.shape for number in NUMBERS.values() if number.shape is not None}
 """By the shape's own "effect.parameter"."""
-FORMS: dict[str, float] = dict(number.form for number in NUMBERS.values() if number.form is not None)
-"""Scales of what says of which form a law is, by its own "effect.parameter"."""
 SCALES: Mapping[str, float] = (
     {key: number.scale for key, number in NUMBERS.items()}
     | {key: shape.scale for key, shape in SHAPES.items() if shape.scale > 0.0}
     | {number.beside: number.scale for number in NUMBERS.values() if number.beside}
-    | FORMS
 )
-"""Scale of all that is fitted: numbers, and what is fitted once their effect is in the model: shapes, forms, others beside."""
+"""Scale of everything that is fitted: numbers, and what is fitted once their effect is in the model: shapes, others beside."""
 
 
 def scales_everything(effect: str) -> bool:

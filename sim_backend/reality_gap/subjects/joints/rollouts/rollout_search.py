@@ -1,7 +1,7 @@
 """One cause after the other: what gains most beside a model, whether a robot may be so, and which cause is needed no more."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -17,8 +17,8 @@ from sim_backend.reality_gap.subjects.joints.rollouts.rollout_trials import (
     fitted_quickly,
     fitted_wholly,
     fitted_without,
-    forms_of,
     gone_on,
+    in_other_forms,
     settled,
 )
 from sim_backend.reality_gap.subjects.joints.torques.contradictions import is_gravity, pushes, runs_into_bounds
@@ -263,21 +263,18 @@ def without_needless(
     return fit, taken
 
 
-def with_forms(search: CauseSearch, fit: RolloutFit, taken: tuple[Taken, ...]) -> tuple[RolloutFit, tuple[Taken, ...]]:
-    """Causes with the forms of their laws fitted, too, each where that gains more than a number must; what then is needless goes.
+def with_best_forms(search: CauseSearch, fit: RolloutFit, taken: tuple[Taken, ...]) -> tuple[RolloutFit, tuple[Taken, ...]]:
+    """Causes with laws of the forms that leave least; what is needless then goes.
 
-    A law of another form than the robot's leaves what another cause may have made up for.
+    A law of another form than the robot's leaves what another cause may have made up for, and its numbers are not the robot's.
     """
     problem, before = search.problem, fit
-    for place, cause in enumerate(taken):
-        forms = tuple(forms_of(cause.terms))
-        if not forms:
-            continue
-        formed = replace(cause, terms=(*cause.terms, *forms))
-        every = (*taken[:place], formed, *taken[place + 1 :])
-        new = settled(problem, problem.fitted(fit.state, [term for each in every for term in each.terms], fit.begin))
-        if problem.gained(fit.squares, new.squares) > OF_NUMBER * len(forms) and may_be(search, new, every):
-            fit, taken = new, every
+    terms = [term for cause in taken for term in cause.terms]
+    for term in terms:
+        for state in in_other_forms(fit.state, (term,)):
+            new = settled(problem, problem.fitted(state, terms, fit.begin))
+            if problem.gained(fit.squares, new.squares) > 0.0 and may_be(search, new, taken):
+                fit = new
     return (fit, taken) if fit is before else without_needless(search, fit, taken)
 
 

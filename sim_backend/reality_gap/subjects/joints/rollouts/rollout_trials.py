@@ -1,6 +1,6 @@
 """Fits of one more cause, of one less, and of one instead of another, beside what a model in rollouts has."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -115,11 +115,13 @@ def begun(state: JointState, terms: tuple[Term, ...], values: np.ndarray) -> tup
     return state, tuple(Term(key, j, by) for j in joints for key, by in ((terms[0].key, terms[0].probe), (shape.key, probe)))
 
 
-def forms_of(terms: Sequence[Term]) -> list[Term]:
-    """Terms for what says of which form the laws of some numbers are, each at the joint of its number."""
-    numbers = [(NUMBERS.get(term.key), term.index) for term in terms]
-    keys = [(number.form[0], index) for number, index in numbers if number is not None and number.form is not None]
-    return [Term(key, index, _SHAPE_PROBE * SCALES[key]) for key, index in keys]
+def in_other_forms(state: JointState, terms: Sequence[Term]) -> Iterator[JointState]:
+    """The model with the laws of some numbers in the other forms that are known of them, one joint's law after the other."""
+    for term in terms:
+        number = NUMBERS.get(term.key)
+        key, values = (number.form if number is not None else None) or ("", ())
+        here = state.value(key)[term.index] if key else 0.0
+        yield from (state.with_values({(key, term.index): value}) for value in values if value != here)
 
 
 def _probe(term: Term, state: JointState) -> float:

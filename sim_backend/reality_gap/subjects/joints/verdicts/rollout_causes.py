@@ -5,10 +5,10 @@ from dataclasses import replace
 
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.effects.effect import Scope
-from sim_backend.reality_gap.knowledge.joint_effects import FORMS, NUMBERS, SHAPES
+from sim_backend.reality_gap.knowledge.joint_effects import NUMBERS, SHAPES
 from sim_backend.reality_gap.knowledge.known_of_robot import UnknownRobot
 from sim_backend.reality_gap.subjects.joints.identification import JointStudy
-from sim_backend.reality_gap.subjects.joints.laws.fitted_values import FittedValue, at_usual_factor, seen_beside
+from sim_backend.reality_gap.subjects.joints.laws.fitted_values import FittedValue, at_usual_factor, other_form, seen_beside
 from sim_backend.reality_gap.subjects.joints.laws.heating import is_in_balance, is_usual
 from sim_backend.reality_gap.subjects.joints.laws.hypotheses import ALL_JOINTS, own_share
 from sim_backend.reality_gap.subjects.joints.laws.intervals import half_interval
@@ -19,8 +19,6 @@ from sim_backend.reality_gap.subjects.joints.rollouts.rollout_selection import R
 from sim_backend.reality_gap.subjects.joints.verdicts.causes import index_of
 from sim_backend.reality_gap.verdict import Cause
 
-_LOOKS = frozenset({*SHAPES, *FORMS})
-"""What only says how a number looks."""
 _TRIFLE = 0.05
 """Of the largest number of a cause at all joints: a joint with less has none, unless that is more than its model may be off."""
 
@@ -66,17 +64,18 @@ def causes_of(study: JointStudy, fit: RolloutFit, taken: Taken) -> list[Cause]:
     """
     errors = {(t.key, t.index): float(e) for t, e in zip(fit.terms, fit.errors, strict=True)}
     found, sizes, clear = [], dict[int, float](), set[int]()
-    for term in sorted(taken.terms, key=lambda term: term.key in _LOOKS):
+    for term in sorted(taken.terms, key=lambda term: term.key in SHAPES):
         parameter, value = PARAMETERS[term.key], float(fit.state.value(term.key)[term.index])
         start = study.problem_start(term.key, term.index)
         off, half = value - start, half_interval(term.key, value, start, errors[term.key, term.index])
         where = taken.hypothesis.where
         if parameter.scope in (Scope.JOINT, Scope.VECTOR):
             where = study.problem.names[term.index] if parameter.scope is Scope.JOINT else "xyz"[term.index]
-        if term.index in clear if term.key in _LOOKS else abs(off) > half:
+        if term.index in clear if term.key in SHAPES else abs(off) > half:
             clear.add(term.index)
             told = at_usual_factor(study.start, fit.state, FittedValue(term.key, term.index, value, half))
-            for each in [*told, *(seen_beside(study.start, term) if term.key == taken.terms[0].key else ())]:
+            beside = seen_beside(study.start, term) if term.key == taken.terms[0].key else []
+            for each in [*told, *beside, *other_form(study.start, fit.state, term)]:
                 of, interval = PARAMETERS[each.key], (each.value - each.error, each.value + each.error)
                 found.append((term.index, Cause(taken.hypothesis.effect, of.name, where, each.value, of.unit, interval)))
             if term.key == taken.terms[0].key:
