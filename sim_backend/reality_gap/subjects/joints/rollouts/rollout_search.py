@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sim_backend.reality_gap.knowledge.joint_effects import FITTED, NUMBERS
+from sim_backend.reality_gap.subjects.joints.laws.forms import in_other_forms
 from sim_backend.reality_gap.subjects.joints.laws.hypotheses import ALL_JOINTS, PLATFORM, Catalogue, Hypothesis
 from sim_backend.reality_gap.subjects.joints.laws.moves import deviations
 from sim_backend.reality_gap.subjects.joints.laws.state import JointState, Term
@@ -18,7 +19,6 @@ from sim_backend.reality_gap.subjects.joints.rollouts.rollout_trials import (
     fitted_wholly,
     fitted_without,
     gone_on,
-    in_other_forms,
     settled,
 )
 from sim_backend.reality_gap.subjects.joints.torques.contradictions import is_gravity, pushes, runs_into_bounds
@@ -271,7 +271,7 @@ def with_best_forms(search: CauseSearch, fit: RolloutFit, taken: tuple[Taken, ..
     problem, before = search.problem, fit
     terms = [term for cause in taken for term in cause.terms]
     for term in terms:
-        for state in in_other_forms(fit.state, (term,)):
+        for state in in_other_forms(fit.state, term):
             new = settled(problem, problem.fitted(state, terms, fit.begin))
             if problem.gained(fit.squares, new.squares) > 0.0 and may_be(search, new, taken):
                 fit = new

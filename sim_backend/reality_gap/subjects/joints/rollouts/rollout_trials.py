@@ -1,6 +1,6 @@
 """Fits of one more cause, of one less, and of one instead of another, beside what a model in rollouts has."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -113,15 +113,6 @@ def begun(state: JointState, terms: tuple[Term, ...], values: np.ndarray) -> tup
     assert shape is not None, "what has a plane has a shape"
     joints, probe = sorted({t.index for t in terms}), _SHAPE_PROBE * abs(shape.values[1] - shape.values[0])
     return state, tuple(Term(key, j, by) for j in joints for key, by in ((terms[0].key, terms[0].probe), (shape.key, probe)))
-
-
-def in_other_forms(state: JointState, terms: Sequence[Term]) -> Iterator[JointState]:
-    """The model with the laws of some numbers in the other forms that are known of them, one joint's law after the other."""
-    for term in terms:
-        number = NUMBERS.get(term.key)
-        key, values = (number.form if number is not None else None) or ("", ())
-        here = state.value(key)[term.index] if key else 0.0
-        yield from (state.with_values({(key, term.index): value}) for value in values if value != here)
 
 
 def _probe(term: Term, state: JointState) -> float:
