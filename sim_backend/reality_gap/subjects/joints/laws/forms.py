@@ -1,4 +1,4 @@
-"""The other forms that a law is known in, each begun with numbers with which it does about the same."""
+"""The other forms that a law is known in, each begun with the same numbers and with some with which it does about the same."""
 
 import math
 from collections.abc import Iterator
@@ -10,8 +10,8 @@ from sim_backend.reality_gap.subjects.joints.laws.state import JointState, Term
 def in_other_forms(state: JointState, term: Term) -> Iterator[JointState]:
     """The model with the law of a number in the other forms that are known of it; none where only one is.
 
-    Forms differ in the exponent of an exponential in a speed: size and speed become those with which the area under it, and
-    where it lies, stay as they are.
+    Forms differ in the exponent of an exponential in a speed: size and speed stay, or become those with which the area under it,
+    and where it lies, stay as they are.
     """
     number, at = NUMBERS.get(term.key), term.index
     if number is None or number.form is None or number.shape is None:
@@ -23,7 +23,9 @@ def in_other_forms(state: JointState, term: Term) -> Iterator[JointState]:
             other = speed * _middle(here) / _middle(exponent)
             area = size * speed * math.gamma(1.0 + 1.0 / here)
             as_much = area / (other * math.gamma(1.0 + 1.0 / exponent))
-            yield state.with_values({(key, at): exponent, (number.shape.key, at): other, (number.key, at): as_much})
+            formed = state.with_values({(key, at): exponent})
+            yield formed
+            yield formed.with_values({(number.shape.key, at): other, (number.key, at): as_much})
 
 
 def _middle(exponent: float) -> float:

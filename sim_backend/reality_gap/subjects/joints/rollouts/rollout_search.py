@@ -271,7 +271,7 @@ def with_best_forms(search: CauseSearch, fit: RolloutFit, taken: tuple[Taken, ..
     problem, before = search.problem, fit
     terms = [term for cause in taken for term in cause.terms]
     for term in terms:
-        for state in in_other_forms(fit.state, term):
+        for state in list(in_other_forms(fit.state, term)):
             new = settled(problem, problem.fitted(state, terms, fit.begin))
             if problem.gained(fit.squares, new.squares) > 0.0 and may_be(search, new, taken):
                 fit = new

@@ -18,13 +18,14 @@ def bounds_nm(state: JointState) -> np.ndarray:
 
 def test_the_other_form_has_the_same_area_in_the_same_place_and_leads_back():
     begun = JointState(2).with_values({(SIZE, 1): 0.2, (SPEED, 1): 0.4})
-    (other,) = in_other_forms(begun, Term(SIZE, 1, 1e-3))
+    plain, other = in_other_forms(begun, Term(SIZE, 1, 1e-3))
+    assert [plain.value(key)[1] for key in (SIZE, SPEED, EXPONENT)] == [0.2, 0.4, 1.0]
     assert other.value(EXPONENT).tolist() == [2.0, 1.0]
     assert other.value(SIZE)[0] == 0.0
     speeds = np.linspace(0.0, 6.0, 6001)
     for moment in (speeds**0, speeds):
         assert moment @ bounds_nm(other) == pytest.approx(moment @ bounds_nm(begun), rel=2e-3)
-    (back,) = in_other_forms(other, Term(SIZE, 1, 1e-3))
+    _, back = in_other_forms(other, Term(SIZE, 1, 1e-3))
     for key in (SIZE, SPEED, EXPONENT):
         assert back.value(key) == pytest.approx(begun.value(key))
 

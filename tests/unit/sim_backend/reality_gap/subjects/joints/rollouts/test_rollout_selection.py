@@ -60,6 +60,13 @@ def test_a_hidden_loss_is_named_by_where_the_pendulum_goes(hidden, effect, value
     assert [e.told for e in verdict.effects if e.effect == effect] == [Told.NAMED]
 
 
+def test_how_a_soft_friction_sets_in_is_no_second_cause():
+    verdict = study_of('frictionloss="0.1"')
+    assert verdict.verdict is VerdictKind.NAMED, verdict.summary
+    assert [cause.effect for cause in verdict.causes] == ["coulomb_friction"]
+    assert verdict.causes[0].value == pytest.approx(0.1, rel=0.02)
+
+
 def test_friction_that_falls_off_in_another_way_is_told_with_its_exponent():
     verdict = study_of("", sticking_nm=0.1)
     assert verdict.verdict is VerdictKind.NAMED, verdict.summary
