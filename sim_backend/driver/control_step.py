@@ -55,6 +55,7 @@ _GAP, _ROTOR_INERTIA = SLOTS["backlash.gap_rad"], SLOTS["backlash.rotor_inertia_
 _COULOMB = SLOTS[r.COULOMB]
 _LOAD, _OUTER_LOAD = SLOTS["load_friction.coefficient"], SLOTS["load_friction.external_coefficient"]
 _STRIBECK, _STRIBECK_SPEED = SLOTS["stribeck_friction.extra_nm"], SLOTS["stribeck_friction.speed_rad_s"]
+_STRIBECK_EXPONENT = SLOTS["stribeck_friction.exponent"]
 _DIRECTION, _STUCK = SLOTS["directional_friction.difference_nm"], SLOTS["stuck_joint.holding_torque_nm"]
 _PUSH, _PUSH_CHANCE = SLOTS["cube_pushes.force_n"], SLOTS["cube_pushes.probability"]
 _PUSH_TIME = SLOTS["cube_pushes.duration_s"]
@@ -206,7 +207,8 @@ def drive(slots: np.ndarray, torque: np.ndarray, position: np.ndarray, velocity:
 @numba.njit
 def friction_bound_nm(slots: np.ndarray, j: int, velocity_rad_s: float, torque_nm: float, external_nm: float) -> float:
     """The bound of joint j's friction constraint in this step."""
-    bound = slots[_COULOMB + j] + stribeck_bound_nm(slots[_STRIBECK + j], slots[_STRIBECK_SPEED + j], velocity_rad_s)
+    speed_rad_s, exponent = slots[_STRIBECK_SPEED + j], slots[_STRIBECK_EXPONENT + j]
+    bound = slots[_COULOMB + j] + stribeck_bound_nm(slots[_STRIBECK + j], speed_rad_s, exponent, velocity_rad_s)
     bound += load_bound_nm(slots[_LOAD + j], torque_nm, slots[_OUTER_LOAD + j], external_nm) + stuck_bound_nm(slots[_STUCK + j])
     return max(0.0, bound + directional_bound_nm(slots[_DIRECTION + j], velocity_rad_s))
 

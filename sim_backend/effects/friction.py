@@ -57,12 +57,12 @@ def make_stiff(model: "MjModel", dofs: np.ndarray) -> None:
 
 
 @numba.njit(inline="always")
-def stribeck_bound_nm(extra_nm: float, speed_rad_s: float, velocity_rad_s: float) -> float:
+def stribeck_bound_nm(extra_nm: float, speed_rad_s: float, exponent: float, velocity_rad_s: float) -> float:
     """What is added to the bound near standstill."""
     if extra_nm == 0.0:
         return 0.0
     ratio = velocity_rad_s / speed_rad_s
-    return extra_nm * math.exp(-ratio * ratio)
+    return extra_nm * math.exp(-ratio * ratio if exponent == 2.0 else -(abs(ratio) ** exponent))
 
 
 @numba.njit(inline="always")
@@ -124,7 +124,10 @@ EFFECTS = (
         Acts.CONTROL,
         stribeck_bound_nm,
         per_joint("extra_nm", "N m", 0.0, 0.2, 0.0, "at rest, above the constant part"),
-        shape=(per_joint("speed_rad_s", "rad/s", 0.005, 2.0, 0.1, "at which it has fallen to 1/e"),),
+        shape=(
+            per_joint("speed_rad_s", "rad/s", 0.005, 2.0, 0.1, "at which it has fallen to 1/e"),
+            per_joint("exponent", "", 0.5, 4.0, 2.0, "of the speed: with 2 it falls off like a bell, with 1 from standstill on"),
+        ),
     ),
     _effect(
         "load_friction",

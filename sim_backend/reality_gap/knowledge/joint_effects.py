@@ -66,6 +66,8 @@ class Number:
         tolerated_as: which of a model's tolerances (``known_of_robot.Tolerance``) its own value of it has.
         samples_off: standard deviation of what of it may come of how an unknown robot samples and writes, in samples.
         beside: a parameter of the same effect and joint that an unknown robot's motions tell together with it.
+        form: a parameter of the same effect and joint that says of which form its law is, and the values of those forms that are
+            known. An unknown robot's motions are asked which it is once the causes are known.
     """
 
     key: str
@@ -80,6 +82,7 @@ class Number:
     tolerated_as: str = ""
     samples_off: float = 0.0
     beside: str = ""
+    form: tuple[str, tuple[float, ...]] | None = None
 
 
 @dataclass(frozen=True)
@@ -128,7 +131,12 @@ _ENTRIES = (
     _at(Channel.MECHANICS, Number("viscous_friction.damping_nm_s_rad", 0.02, model_field="dof_damping", tolerated_as="friction")),
     _at(
         Channel.MECHANICS,
-        Number("stribeck_friction.extra_nm", 0.03, shape=Shape("stribeck_friction.speed_rad_s", (0.04, 0.12, 0.35), scale=0.1)),
+        Number(
+            "stribeck_friction.extra_nm",
+            0.03,
+            shape=Shape("stribeck_friction.speed_rad_s", (0.04, 0.12, 0.35), scale=0.1),
+            form=("stribeck_friction.exponent", (1.0, 2.0)),  # Tustin's and the bell of Gauss
+        ),
     ),
     _at(Channel.MECHANICS, Number("load_friction.coefficient", 0.15, beside="load_friction.external_coefficient")),
     JointEffect(

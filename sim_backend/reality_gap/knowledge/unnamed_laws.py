@@ -21,6 +21,8 @@ MASS, CONSTANT = ("link_mass", "factor"), ("torque_constant", "error")
 
 ONE_WAY = ("coulomb_friction", "stribeck_friction", "load_friction")
 """Frictions that are a constant torque where a joint moves one way alone."""
+DRY = frozenset({*ONE_WAY, "directional_friction"})
+"""Frictions whose torque turns about with a joint: how it sets in again is each robot's own, and each simulator's."""
 
 
 @dataclass(frozen=True)

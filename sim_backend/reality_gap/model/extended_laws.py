@@ -140,7 +140,8 @@ class _Joint:
         torque *= max(0.0, 1.0 - v("thermal_derating.loss_per_k", 0.0) * self._rise_k)
         bound = self._constant_nm + v("load_friction.coefficient", 0.0) * abs(torque)
         bound += v("load_friction.external_coefficient", 0.0) * abs(load_nm)
-        bound += v("stribeck_friction.extra_nm", 0.0) * math.exp(-((velocity / v("stribeck_friction.speed_rad_s", 1.0)) ** 2))
+        ratio = abs(velocity) / v("stribeck_friction.speed_rad_s", 1.0)
+        bound += v("stribeck_friction.extra_nm", 0.0) * math.exp(-(ratio ** v("stribeck_friction.exponent", 2.0)))
         bound += v("directional_friction.difference_nm", 0.0) * math.tanh(velocity / DIRECTION_RAD_S)
         return torque, bound
 

@@ -1,8 +1,11 @@
 """Each friction does what physics says it must."""
 
+import math
+
 import numpy as np
 import pytest
 
+from sim_backend.effects.friction import stribeck_bound_nm
 from tests.unit.sim_backend.effects.rig import UNDAMPED, WEIGHTLESS, only, rig, run
 
 JOINT = 0
@@ -58,6 +61,14 @@ def test_stribeck_friction_holds_at_rest_and_is_gone_at_speed():
     plain_before, plain_after = (run(plain, only(JOINT, 0.1), 20).true_joint_velocity_rad_s[0, 0, JOINT] for _ in range(2))
     assert before > 0.5
     assert after - before == pytest.approx(plain_after - plain_before, rel=0.02)
+
+
+def test_stribeck_friction_falls_off_as_its_exponent_says():
+    bound_nm = [stribeck_bound_nm(0.03, 0.1, exponent, -0.05) for exponent in (1.0, 2.0, 3.0)]
+    assert bound_nm == pytest.approx([0.03 * math.exp(-0.5), 0.03 * math.exp(-0.25), 0.03 * math.exp(-0.125)])
+    values = {"stribeck_friction.extra_nm": 0.03, "stribeck_friction.speed_rad_s": 1.0}
+    speeds = [speed_rad_s(values | {"stribeck_friction.exponent": by}, 0.05) for by in (1.0, 2.0)]
+    assert speeds[0] > 1.05 * speeds[1], "below the speed at which both have fallen to 1/e the bell holds more"
 
 
 @pytest.mark.parametrize("torque_nm", [0.05, 0.3])

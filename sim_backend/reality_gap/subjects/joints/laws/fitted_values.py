@@ -54,6 +54,16 @@ def seen_beside(start: JointState, term: Term) -> list[FittedValue]:
     return [FittedValue(COGGING_CYCLES, term.index, float(start.value(COGGING_CYCLES)[term.index]), 0.0)]
 
 
+def other_form(start: JointState, state: JointState, term: Term) -> list[FittedValue]:
+    """Of which form a number's law is, which is told where it is another than the nominal model's."""
+    number = NUMBERS.get(term.key)
+    if number is None or number.form is None:
+        return []
+    key = number.form[0]
+    usual, value = (float(each.value(key)[term.index]) for each in (start, state))
+    return [] if value == usual else [FittedValue(key, term.index, value, 0.0)]
+
+
 def at_usual_factor(start: JointState, state: JointState, number: FittedValue) -> list[FittedValue]:
     """Any number as it is, but a loss for the temperature that the nominal motor reaches: joints show only the product of both.
 

@@ -38,6 +38,7 @@ KEYS = (
     "coulomb_friction.torque_nm",
     "stribeck_friction.extra_nm",
     "stribeck_friction.speed_rad_s",
+    "stribeck_friction.exponent",
     "load_friction.coefficient",
     "load_friction.external_coefficient",
     "directional_friction.difference_nm",
@@ -61,6 +62,7 @@ PLAY, ROTOR = (KEYS.index(f"backlash.{name}") for name in ("gap_rad", "rotor_ine
 _COULOMB = KEYS.index("coulomb_friction.torque_nm")
 _STRIBECK = KEYS.index("stribeck_friction.extra_nm")
 _STRIBECK_SPEED = KEYS.index("stribeck_friction.speed_rad_s")
+_STRIBECK_EXPONENT = KEYS.index("stribeck_friction.exponent")
 _LOAD = KEYS.index("load_friction.coefficient")
 _OUTER_LOAD = KEYS.index("load_friction.external_coefficient")
 _DIRECTION = KEYS.index("directional_friction.difference_nm")
@@ -122,6 +124,7 @@ def values_of(p: np.ndarray, j: int) -> Values:
     return (
         p[j, 0], p[j, 1], p[j, 2], p[j, 3], p[j, 4], p[j, 5], p[j, 6], p[j, 7], p[j, 8], p[j, 9],
         p[j, 10], p[j, 11], p[j, 12], p[j, 13], p[j, 14], p[j, 15], p[j, 16], p[j, 17], p[j, 18], p[j, 19],
+        p[j, 20],
     )
     # fmt: on
 
@@ -153,7 +156,7 @@ def sent_to_joint(
     value += p[_ZERO] - p[_DRAG] * velocity * abs(velocity)
     if p[PLAY] > 0.0:
         play, rotor, value = backlash(play, rotor, velocity, value, p[PLAY], p[ROTOR], step_s)
-    bound = p[_COULOMB] + stribeck_bound_nm(p[_STRIBECK], p[_STRIBECK_SPEED], velocity)
+    bound = p[_COULOMB] + stribeck_bound_nm(p[_STRIBECK], p[_STRIBECK_SPEED], p[_STRIBECK_EXPONENT], velocity)
     bound += load_bound_nm(p[_LOAD], value, p[_OUTER_LOAD], external)
     return current, value, max(0.0, bound + directional_bound_nm(p[_DIRECTION], velocity)), warm, rotor, play
 

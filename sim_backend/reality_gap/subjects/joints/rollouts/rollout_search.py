@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sim_backend.reality_gap.knowledge.joint_effects import FITTED, NUMBERS
+from sim_backend.reality_gap.subjects.joints.laws.forms import in_other_forms
 from sim_backend.reality_gap.subjects.joints.laws.hypotheses import ALL_JOINTS, PLATFORM, Catalogue, Hypothesis
 from sim_backend.reality_gap.subjects.joints.laws.moves import deviations
 from sim_backend.reality_gap.subjects.joints.laws.state import JointState, Term
@@ -260,6 +261,21 @@ def without_needless(
         if problem.gained(less.squares, fit.squares) - OF_NUMBER * len(cause.terms) < GATE and may_be(search, less, rest):
             return without_needless(search, settled(problem, less), rest, kept)
     return fit, taken
+
+
+def with_best_forms(search: CauseSearch, fit: RolloutFit, taken: tuple[Taken, ...]) -> tuple[RolloutFit, tuple[Taken, ...]]:
+    """Causes with laws of the forms that leave least; what is needless then goes.
+
+    A law of another form than the robot's leaves what another cause may have made up for, and its numbers are not the robot's.
+    """
+    problem, before = search.problem, fit
+    terms = [term for cause in taken for term in cause.terms]
+    for term in terms:
+        for state in list(in_other_forms(fit.state, term)):
+            new = settled(problem, problem.fitted(state, terms, fit.begin))
+            if problem.gained(fit.squares, new.squares) > 0.0 and may_be(search, new, taken):
+                fit = new
+    return (fit, taken) if fit is before else without_needless(search, fit, taken)
 
 
 def fitted_without_cause(problem: RolloutProblem, fit: RolloutFit, taken: Sequence[Taken], cause: Taken) -> RolloutFit:

@@ -26,6 +26,7 @@ from sim_backend.reality_gap.subjects.joints.rollouts.rollout_search import (
     leaves_little,
     took,
     tried_beside,
+    with_best_forms,
     without_needless,
 )
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_trials import (
@@ -181,6 +182,7 @@ def _path(search: CauseSearch, nominal: RolloutFit, fit: RolloutFit, taken: tupl
     fit, taken = search.extended(fit, taken, _MENDS, _MOST)
     if not taken:
         return RolloutSelection(problem, nominal, fit, (), fit)
+    fit, taken = with_best_forms(search, fit, taken)
     mends = replace(search, catalogue=_without_limits(search.catalogue))
     extended, every = mends.extended(fit, taken, 0.0, len(taken) + _MOST_MENDING, kept=len(taken))
     is_whole = _leaves_nothing(problem, nominal, extended) or (leaves_little(search, extended) and not leaves_little(search, fit))

@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from sim_backend.reality_gap.knowledge.unnamed_laws import DRY
 from sim_backend.reality_gap.subjects.joints.laws.hypotheses import ALL_JOINTS
 from sim_backend.reality_gap.subjects.joints.laws.state import JointState
 from sim_backend.reality_gap.subjects.joints.rollouts.bounded_steps import apart
@@ -26,10 +27,12 @@ Limits = Callable[[RolloutFit], HealthyLimits]
 
 
 def with_needed_causes(selection: RolloutSelection, limits: Limits, fits: Callable[[JointState], bool]) -> RolloutSelection:
-    """A selection of which each cause gains clearly, takes away half of an error somewhere, or what no healthy robot would leave.
+    """A selection of which each cause gains clearly, takes away half of an error somewhere, or what no healthy robot leaves.
 
     Where causes are several those that gained least are asked first; one of all joints that only one of them needs is that one's.
-    What is not needed stays in the extended model; nothing goes without which a model would be one that no robot can have.
+    Of several dry frictions of one joint those that gained less have to do the last: how friction sets in again when a joint turns
+    is each robot's own, and each simulator's, and looks like more friction near standstill. What is not needed stays in the
+    extended model; nothing goes without which a model would be one that no robot can have.
 
     Args:
         selection: causes and models.
@@ -45,7 +48,8 @@ def with_needed_causes(selection: RolloutSelection, limits: Limits, fits: Callab
 
     for cause in sorted(selection.taken, key=lambda taken: taken.gain) if len(selection.taken) > 1 else ():
         rest, less = tuple(other for other in selection.taken if other is not cause), without(selection, cause)
-        if goes_without(less, rest, largest):
+        is_usual = _sets_in(cause, rest) and fits(less.state) and limits(less).hold(less)
+        if is_usual or goes_without(less, rest, largest):
             found = replace(selection, fit=less, taken=rest, mending=(*selection.mending, cause))
             return with_needed_causes(found, limits, fits)
     for cause in selection.taken:
@@ -57,6 +61,12 @@ def with_needed_causes(selection: RolloutSelection, limits: Limits, fits: Callab
         if goes_without(fit, taken, cause.gain):
             return with_needed_causes(replace(selection, fit=fit, taken=taken), limits, fits)
     return selection
+
+
+def _sets_in(cause: Taken, rest: Sequence[Taken]) -> bool:
+    """Whether a cause is a dry friction beside another that gained more, at all of its joints."""
+    kin = {t.index for other in rest if other.hypothesis.effect in DRY and other.gain > cause.gain for t in other.terms}
+    return cause.hypothesis.effect in DRY and {term.index for term in cause.terms} <= kin
 
 
 def _is_needed(problem: RolloutProblem, less: RolloutFit, fit: RolloutFit, gain: float, limits: Limits) -> bool:

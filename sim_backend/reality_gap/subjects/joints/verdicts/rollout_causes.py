@@ -8,7 +8,7 @@ from sim_backend.effects.effect import Scope
 from sim_backend.reality_gap.knowledge.joint_effects import NUMBERS, SHAPES
 from sim_backend.reality_gap.knowledge.known_of_robot import UnknownRobot
 from sim_backend.reality_gap.subjects.joints.identification import JointStudy
-from sim_backend.reality_gap.subjects.joints.laws.fitted_values import FittedValue, at_usual_factor, seen_beside
+from sim_backend.reality_gap.subjects.joints.laws.fitted_values import FittedValue, at_usual_factor, other_form, seen_beside
 from sim_backend.reality_gap.subjects.joints.laws.heating import is_in_balance, is_usual
 from sim_backend.reality_gap.subjects.joints.laws.hypotheses import ALL_JOINTS, own_share
 from sim_backend.reality_gap.subjects.joints.laws.intervals import half_interval
@@ -74,7 +74,8 @@ def causes_of(study: JointStudy, fit: RolloutFit, taken: Taken) -> list[Cause]:
         if term.index in clear if term.key in SHAPES else abs(off) > half:
             clear.add(term.index)
             told = at_usual_factor(study.start, fit.state, FittedValue(term.key, term.index, value, half))
-            for each in [*told, *(seen_beside(study.start, term) if term.key == taken.terms[0].key else ())]:
+            beside = seen_beside(study.start, term) if term.key == taken.terms[0].key else []
+            for each in [*told, *beside, *other_form(study.start, fit.state, term)]:
                 of, interval = PARAMETERS[each.key], (each.value - each.error, each.value + each.error)
                 found.append((term.index, Cause(taken.hypothesis.effect, of.name, where, each.value, of.unit, interval)))
             if term.key == taken.terms[0].key:

@@ -34,6 +34,11 @@ LAWS_OF_JOINTS = {
     "nothing": {},
     "load friction": {"load_friction.coefficient": 0.3, "load_friction.external_coefficient": 0.2},
     "stribeck": {"stribeck_friction.extra_nm": 0.05, "stribeck_friction.speed_rad_s": 0.3},
+    "stribeck without a flat top": {
+        "stribeck_friction.extra_nm": 0.1,
+        "stribeck_friction.speed_rad_s": 0.3,
+        "stribeck_friction.exponent": 1.0,
+    },
     "direction": {"directional_friction.difference_nm": 0.02},
     "delay": {"action_delay.delay_s": 0.007},
     "saturation": {"torque_saturation.limit_nm": 0.3},

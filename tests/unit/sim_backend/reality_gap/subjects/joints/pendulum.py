@@ -30,6 +30,9 @@ LIMIT_NM = 0.8
 PUSHED_EVERY, PUSHED_ROWS = 800, 8
 LOSS_NM2, WARMS_S = 0.5, 4.0
 COGS, COGGING_NM = 42, 0.05
+STICKS_RAD_S = 1.2
+RIGID = {"solref": [0.004, 1.0], "solimp": [0.999, 0.9999, 0.001, 0.5, 2.0]}
+"""Of friction that holds: by default MuJoCo's gives way in proportion to slow speeds."""
 NO_LIMIT = {"torque_saturation.limit_nm": np.array([1e9])}
 
 
@@ -50,16 +53,19 @@ def recorded(
     bristles_nm: float = 0.0,
     give_rad: float = 1e-3,
     pushed_nm: float = 0.0,
+    sticking_nm: float = 0.0,
 ) -> Recording:
     """A PD controller follows targets at 200 Hz; positions have noise, which the controller sees.
 
     Its motor has a limit, loses a share of its torque, gets warm within ``WARMS_S`` and loses then, acts some rows late, and cogs
-    ``COGS`` times a turn. The controller gets its targets some rows late; one
-    that is on board computes its torque in every step, of where the joint is. Friction of bristles gives before it slips.
-    Somebody pushes it for ``PUSHED_ROWS`` of ``PUSHED_EVERY`` rows.
+    ``COGS`` times a turn. The controller gets its targets some rows late; one that is on board computes its torque in every step,
+    of where the joint is. Friction of bristles gives before it slips; what sticks falls to 1/e at ``STICKS_RAD_S``, without a
+    bell's flat top. Somebody pushes it for ``PUSHED_ROWS`` of ``PUSHED_EVERY`` rows.
     """
     target_rad = np.concatenate([np.repeat(target_rad[:1], targets_late_rows), target_rad])[: len(target_rad)]
     data, rng = mujoco.MjData(model), np.random.default_rng(seed)
+    if sticking_nm:
+        model.dof_solref[0], model.dof_solimp[0] = RIGID["solref"], RIGID["solimp"]
     found, warm, bend, sent = np.empty((3, len(target_rad))), 0.0, 0.0, [0.0] * late_rows
     for i, target in enumerate(target_rad):
         position = data.qpos[0] + noise_rad * rng.standard_normal()
@@ -73,6 +79,8 @@ def recorded(
                 data.ctrl[0] = of_gain * GAIN * (target - data.qpos[0]) - DAMPING * data.qvel[0]
             bend = np.clip(bend + model.opt.timestep * data.qvel[0] / give_rad, -1.0, 1.0)
             data.qfrc_applied[0] = pushed_nm * (i % PUSHED_EVERY >= PUSHED_EVERY - PUSHED_ROWS) - bristles_nm * bend
+            if sticking_nm:
+                model.dof_frictionloss[0] = sticking_nm * np.exp(-abs(data.qvel[0]) / STICKS_RAD_S)
             mujoco.mj_step(model, data)
     position, velocity, torque = (row[:, None] for row in found)
     joints = JointSignals(("hinge",), position, velocity, commanded_torque_nm=torque)

@@ -30,6 +30,7 @@ from tests.unit.sim_backend.reality_gap.subjects.joints.pendulum import (
     LIMIT_NM,
     LOSS_NM2,
     PENDULUM,
+    STICKS_RAD_S,
     WARMS_S,
     judged,
     only_targets,
@@ -57,6 +58,24 @@ def test_a_hidden_loss_is_named_by_where_the_pendulum_goes(hidden, effect, value
     assert (cause.effect, cause.where) == (effect, "hinge")
     assert cause.interval_90[0] < value < cause.interval_90[1] and cause.value == pytest.approx(value, rel=0.1)
     assert [e.told for e in verdict.effects if e.effect == effect] == [Told.NAMED]
+
+
+def test_how_a_soft_friction_sets_in_is_no_second_cause():
+    verdict = study_of('frictionloss="0.1"')
+    assert verdict.verdict is VerdictKind.NAMED, verdict.summary
+    assert [cause.effect for cause in verdict.causes] == ["coulomb_friction"]
+    assert verdict.causes[0].value == pytest.approx(0.1, rel=0.02)
+
+
+def test_friction_that_falls_off_in_another_way_is_told_with_its_exponent():
+    verdict = study_of("", sticking_nm=0.1)
+    assert verdict.verdict is VerdictKind.NAMED, verdict.summary
+    told = {cause.parameter: cause for cause in verdict.causes}
+    assert {cause.effect for cause in verdict.causes} == {"stribeck_friction"}
+    assert told["exponent"].value == 1.0
+    for parameter, value in (("extra_nm", 0.1), ("speed_rad_s", STICKS_RAD_S)):
+        low, high = told[parameter].interval_90
+        assert low < value < high, f"{parameter}: {told[parameter]}"
 
 
 def test_a_fit_that_has_settled_probes_only_causes_and_ends_in_the_same_place(monkeypatch):
