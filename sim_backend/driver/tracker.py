@@ -264,13 +264,14 @@ class Tracker:
         raw = position_m, quat_wxyz, confidence
         pose = filtered(*raw, *(_rows_of(array, rows) for array in _pose(self._previous)))
         report, kept = TrackedPose(capture_step, delivery_step, *pose, *raw, visible), ~lost
-        if kept.any():
+        first = self._first(rows, delivery_step, kept)
+        if first < _NEVER:
             self._previous = _with_rows(self._previous, rows, report, kept)
-            self._under_way.append(_UnderWay(rows, report, kept, self._first(rows, delivery_step, kept)))
+            self._under_way.append(_UnderWay(rows, report, kept, first))
 
     def _first(self, rows: np.ndarray, delivery_step: np.ndarray, waiting: np.ndarray) -> int:
-        """The driver's step of the first report that is waited for."""
-        return int((delivery_step + _rows_of(self._begun, rows))[waiting].min()) if waiting.any() else _NEVER
+        """The driver's step of the first report that is waited for; never if none is."""
+        return int((delivery_step + _rows_of(self._begun, rows))[waiting].min(initial=_NEVER))
 
 
 def filtered(
