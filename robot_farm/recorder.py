@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from itertools import compress
 from types import TracebackType
 from typing import TYPE_CHECKING
 
@@ -27,7 +28,7 @@ TRUTH_EVERY_STEPS = 10
 TRANSFORMS_EVERY_STEPS = 40
 MOTORS_EVERY_STEPS = 250
 _POSE = ("cube_position_world_m", "cube_quat_wxyz")
-_FACES = np.array(list(c.CUBE_FACE_COLOURS))
+_FACES = tuple(c.CUBE_FACE_COLOURS)
 
 
 class Recorder:
@@ -104,8 +105,9 @@ class Recorder:
         first = self._segments[0].first_step
         if self._asked:
             self._writer.policy_steps(*map(np.array, zip(*self._asked, strict=True)))
-        self._write_measured(first)
-        self._write_measured_transforms(first, self._joined("joint_position_rad"))
+        position_rad = self._joined("joint_position_rad")
+        self._write_measured(first, position_rad)
+        self._write_measured_transforms(first, position_rad)
         for tracked in self._reports:
             self._write_tracked(tracked)
         for picture in self._pictures:
@@ -135,11 +137,11 @@ class Recorder:
 
     def _joined(self, name: str) -> np.ndarray:
         """A field of all segments that were collected, without the robots' axis."""
-        return np.concatenate([getattr(segment, name)[0] for segment in self._segments])
+        return np.concatenate([getattr(segment, name) for segment in self._segments], axis=1)[0]
 
-    def _write_measured(self, first: int) -> None:
-        names = ("joint_position_rad", "joint_velocity_rad_s", "measured_torque_nm", "applied_torque_nm")
-        position_rad, velocity_rad_s, torque_nm, applied_nm = (self._joined(name) for name in names)
+    def _write_measured(self, first: int, position_rad: np.ndarray) -> None:
+        names = ("joint_velocity_rad_s", "measured_torque_nm", "applied_torque_nm")
+        velocity_rad_s, torque_nm, applied_nm = (self._joined(name) for name in names)
         self._writer.joint_states(first, position_rad, velocity_rad_s, torque_nm)
         self._writer.torque(first, self._joined("desired_torque_nm"), applied_nm)
         self.witness.take(first, position_rad, velocity_rad_s, applied_nm)
@@ -153,9 +155,8 @@ class Recorder:
         truth.flush()
 
     def _write_cube(self, first: int) -> None:
-        all_positions, all_quats = self._joined("cube_position_world_m"), self._joined("cube_quat_wxyz")
-        rows = _rows_at(first, len(all_quats), TRUTH_EVERY_STEPS)
-        position, quat = all_positions[rows], all_quats[rows]
+        rows = _rows_at(first, self._steps, TRUTH_EVERY_STEPS)
+        position, quat = (self._joined(name)[rows] for name in _POSE)
         writer = self._truth or self._writer
         writer.cube_pose(first + rows, position, quat)
         often = (first + rows) % TRANSFORMS_EVERY_STEPS == 0
@@ -175,7 +176,8 @@ class Recorder:
     def _write_tracked(self, tracked: TrackedPose) -> None:
         self._tracked = tracked
         self.witness.take_report(tracked)
-        faces = {name: _FACES[seen].tolist() for name, seen in zip(CAMERA_NAMES, tracked.visible_faces[0], strict=True)}
+        seen = zip(CAMERA_NAMES, tracked.visible_faces[0].tolist(), strict=True)
+        faces = {name: list(compress(_FACES, is_seen)) for name, is_seen in seen}
         self._writer.tracked_pose(
             int(tracked.capture_step[0]),
             int(tracked.delivery_step[0]),

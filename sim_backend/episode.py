@@ -4,8 +4,7 @@ A trial on the farm, a Gymnasium step and a vectorised training step are all thi
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,8 +16,7 @@ from sim_backend.tasks.task import Goal
 from sim_backend.trifinger import constants as c
 
 
-@dataclass(frozen=True)
-class Period:
+class Period(NamedTuple):
     """What happened in one control period of n robots.
 
     ``observation`` (n, size) was read before ``action`` (n, 9) acted; ``tracked`` are the poses delivered within the period
@@ -76,8 +74,8 @@ class Episode:
             "step": self._step,
             "begun": self._begun.copy(),
             "goal": dict(vars(self._goal)),
-            "measurement": {name: value for name, value in vars(self._measurement).items() if value is not None},
-            "command": {name: value for name, value in vars(self._command).items() if value is not None},
+            "measurement": {name: value for name, value in self._measurement._asdict().items() if value is not None},
+            "command": {name: value for name, value in self._command._asdict().items() if value is not None},
             "previous_action": self._previous_action,
             "observation": self._observation,
         }

@@ -63,9 +63,8 @@ class Witness:
         if not self._states or not self._reports:
             return []
         t_s, position_rad = (np.concatenate([each[at] for each in self._states]) for at in (0, 1))
-        tips_m = fingertip_position_world_m(position_rad).reshape(-1, 3, 3)
         capture_s, poses, confidence = (np.array(each) for each in zip(*self._reports, strict=True))
-        seen = _seen(capture_s, poses, confidence, t_s, tips_m, shape)
+        seen = _seen(capture_s, poses, confidence, t_s, position_rad, shape)
         goal_m = None if goal is None else goal.cube_position_world_m[0]
         found = [*way_of_object(seen.t_s, seen.pose, goal_m, POSITION_TOLERANCE_M), *holds_of_fingers(seen)]
         return sorted(found, key=lambda moment: moment.t_s)
@@ -109,17 +108,15 @@ def _why(
     judged_error_m: float | None,
 ) -> Why:
     state_t_s, position_rad, velocity_rad_s, applied_nm = states
-    tips_m = fingertip_position_world_m(position_rad).reshape(-1, 3, 3)
     return why_failed(
         Evidence(
-            seen=_seen(*reports, state_t_s, tips_m, shape),
+            seen=_seen(*reports, state_t_s, position_rad, shape),
             duration_s=float(state_t_s[-1]) + EVERY_STEPS * c.PHYSICS_STEP_S,
             goal_m=goal.cube_position_world_m[0] if task.moves_cube else None,
             goal_quat_wxyz=goal.cube_quat_wxyz[0] if task.orientation_counts else None,
-            goal_tips_m=None if task.moves_cube else goal.fingertip_position_world_m[0].reshape(3, 3),
+            tips_away_m=None if task.moves_cube else _tips_away_m(position_rad, goal),
             velocity_rad_s=velocity_rad_s,
             applied_nm=applied_nm,
-            tips_m=tips_m,
             joints=c.JOINT_NAMES,
             max_torque_nm=c.MAX_TORQUE_NM,
             wall_m=c.ARENA_RADIUS_M,
@@ -130,13 +127,24 @@ def _why(
     )
 
 
+def _tips_away_m(position_rad: np.ndarray, goal: Goal) -> np.ndarray:
+    """Distances of the fingertips from their goals, shape (n, fingers), for joints of shape (n, 9)."""
+    apart_m = fingertip_position_world_m(position_rad) - goal.fingertip_position_world_m
+    return np.linalg.norm(apart_m.reshape(-1, 3, 3), axis=2)
+
+
 def _seen(
-    capture_s: np.ndarray, poses: np.ndarray, confidence: np.ndarray, state_t_s: np.ndarray, tips_m: np.ndarray, shape: Shape
+    capture_s: np.ndarray,
+    poses: np.ndarray,
+    confidence: np.ndarray,
+    state_t_s: np.ndarray,
+    position_rad: np.ndarray,
+    shape: Shape,
 ) -> Seen:
     """The object by the time at which it was seen, where the tracker was sure, and where the fingertips were then."""
     order = np.argsort(capture_s, kind="stable")
     order = order[confidence[order] >= CONFIDENCE_THRESHOLD]  # below it the pose before is repeated
     at_s = np.maximum(capture_s[order], 0.0)
     nearest = np.clip(np.searchsorted(state_t_s, at_s), 0, len(state_t_s) - 1)
-    half_m = np.array(shape.size_m) / 2
-    return Seen(at_s, poses[order], tips_m[nearest], half_m, shape.kind is Kind.SPHERE, c.TIP_RADIUS_M, FINGERS)
+    half_m, tips_m = np.array(shape.size_m) / 2, fingertip_position_world_m(position_rad[nearest]).reshape(-1, 3, 3)
+    return Seen(at_s, poses[order], tips_m, half_m, shape.kind is Kind.SPHERE, c.TIP_RADIUS_M, FINGERS)

@@ -1,7 +1,7 @@
 """From what a robot measures to the vector a policy sees, field by field as its manifest names them."""
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,8 +14,7 @@ from sim_backend.trifinger import constants as c
 from sim_backend.trifinger.kinematics import fingertip_position_world_m, fingertip_velocity_world_m_s
 
 
-@dataclass(frozen=True)
-class Sight:
+class Sight(NamedTuple):
     """Everything a field may be made of, for n robots at one instant.
 
     ``step`` counts physics steps since the begin of each robot's trial, shape (n,); ``previous_action`` has shape (n, 9).

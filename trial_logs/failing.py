@@ -189,11 +189,11 @@ def _misjudged(e: Evidence) -> Why | None:
 
 
 def _at_wall(e: Evidence) -> Why | None:
-    calm = calm_since(e, JOLTS_M)
-    if calm is None:
+    at_wall = reach_m(e) >= e.wall_m - WALL_M
+    if not at_wall[-1] or (calm := calm_since(e, JOLTS_M)) is None:
         return None
-    (since, crept_m), at_wall = calm, reach_m(e) >= e.wall_m - WALL_M
-    if not at_wall[e.seen.t_s >= since][[0, -1]].all():
+    since, crept_m = calm
+    if not at_wall[e.seen.t_s >= since][0]:
         return None
     crept = f" and crept {1e3 * crept_m:.0f} mm along it" if crept_m > STILL_M else ""
     return Why("at_wall", f"the object {_passed(e, since)}stands at the wall since {since:.1f} s{crept}: {_ended(e)}", since)
@@ -234,9 +234,8 @@ def _at_object(e: Evidence) -> frozenset[int]:
 
 
 def _slipped(e: Evidence) -> Why | None:
-    slips = slips_of(e)
     assert e.goal_m is not None, "objects have goals"
-    if not slips or e.goal_m[2] - float(np.median(e.seen.pose[:5, 2])) < HEIGHT_M:
+    if e.goal_m[2] - float(np.median(e.seen.pose[:5, 2])) < HEIGHT_M or not (slips := slips_of(e)):
         return None
     slip = slips[-1]
     if any(moment.text == "lifted" and moment.t_s > slip.t_s for moment in way_of_object(e.seen.t_s, e.seen.pose, None, 0.0)):
@@ -285,11 +284,10 @@ def _missed(e: Evidence) -> Why | None:
 
 
 def _finger_off(e: Evidence) -> Why | None:
-    assert e.goal_tips_m is not None, "fingertips have goals"
-    away_m = np.linalg.norm(e.tips_m - e.goal_tips_m, axis=2)
-    worst = int(away_m[-1].argmax())
-    nearest_m, name = float(away_m[:, worst].min()), e.seen.fingers[worst]
-    told = f"{name} ended {1e3 * away_m[-1, worst]:.0f} mm from its place, {1e3 * nearest_m:.0f} mm at its nearest"
+    assert e.tips_away_m is not None, "fingertips have goals"
+    worst = int(e.tips_away_m[-1].argmax())
+    nearest_m, name = float(e.tips_away_m[:, worst].min()), e.seen.fingers[worst]
+    told = f"{name} ended {1e3 * e.tips_away_m[-1, worst]:.0f} mm from its place, {1e3 * nearest_m:.0f} mm at its nearest"
     return Why("finger_off", told, None, name)
 
 
@@ -339,7 +337,7 @@ def _joint(e: Evidence, index: int) -> str:
 
 def _ended(e: Evidence) -> str:
     if e.goal_m is None:
-        assert e.goal_tips_m is not None, "fingertips have goals"
-        return f"the worst finger ended {1e3 * np.linalg.norm(e.tips_m[-1] - e.goal_tips_m, axis=1).max():.0f} mm from its place"
+        assert e.tips_away_m is not None, "fingertips have goals"
+        return f"the worst finger ended {1e3 * e.tips_away_m[-1].max():.0f} mm from its place"
     turned = "" if e.goal_quat_wxyz is None else f" and {np.rad2deg(turned_rad(e)):.0f}°"
     return f"{1e3 * ended_m(e):.0f} mm{turned} from its goal at the end"

@@ -19,6 +19,7 @@ _NANOS_BYTES = 5
 _DOUBLE = struct.Struct("<d")
 _SHIFTS = 7 * np.arange(_NANOS_BYTES)
 _CONTINUES = np.where(np.arange(_NANOS_BYTES) < _NANOS_BYTES - 1, 0x80, 0)
+_SHIFTS_AND_BITS = list(zip(_SHIFTS.tolist(), _CONTINUES.tolist(), strict=True))
 
 
 def marker(index: int) -> float:
@@ -90,7 +91,7 @@ def _stamp(time_ns: int) -> bytes:
     seconds, nanos = divmod(time_ns, 1_000_000_000)
     if not 0 <= seconds <= MAX_SECONDS:
         raise ValueError(f"a time stamp is at {seconds} s; it must lie within 0 and {MAX_SECONDS} s")
-    return bytes([0x08, seconds, 0x10, *(nanos >> shift & 0x7F | bit for shift, bit in zip(_SHIFTS, _CONTINUES, strict=True))])
+    return bytes([0x08, seconds, 0x10, *(nanos >> shift & 0x7F | bit for shift, bit in _SHIFTS_AND_BITS)])
 
 
 def _stamp_bytes(time_ns: np.ndarray) -> np.ndarray:

@@ -121,17 +121,16 @@ def _touching(gap_m: np.ndarray) -> np.ndarray:
 def _slips(t_s: np.ndarray, place_m: np.ndarray, holding: np.ndarray, name: str) -> list[Moment]:
     found, last_s = [], -np.inf
     held = np.all(np.lib.stride_tricks.sliding_window_view(holding, WITHIN_REPORTS + 1), axis=1)
-    for k in WITHIN_REPORTS + np.flatnonzero(held[:-1]):  # what the last report alone shows may be a jump of the tracker
-        moved_m = float(np.linalg.norm(place_m[k] - place_m[k - WITHIN_REPORTS]))
-        if not SLIP_M <= moved_m < TURNED_M:
-            continue
+    moved_m = np.linalg.norm(place_m[WITHIN_REPORTS:] - place_m[:-WITHIN_REPORTS], axis=1)
+    slides = held & (moved_m >= SLIP_M) & (moved_m < TURNED_M)
+    for k in WITHIN_REPORTS + np.flatnonzero(slides[:-1]):  # what the last report alone shows may be a jump of the tracker
         first, last = np.searchsorted(t_s, (t_s[k - WITHIN_REPORTS] - LONGEST_S / 2, t_s[k] + LONGEST_S / 2))
         before, after = place_m[first : k - WITHIN_REPORTS + 1][-LASTING_REPORTS:], place_m[k : last + 1][:WITHIN_REPORTS]
         lasting_m = float(np.linalg.norm(np.median(after, axis=0) - np.median(before, axis=0)))
         if lasting_m < LASTING_M or t_s[k] - t_s[k - WITHIN_REPORTS] > LONGEST_S:
             continue
         if t_s[k] - last_s > ONCE_WITHIN_S:
-            found.append(Moment(float(t_s[k]), f"{name} slipped by {1e3 * moved_m:.0f} mm", "not"))
+            found.append(Moment(float(t_s[k]), f"{name} slipped by {1e3 * moved_m[k - WITHIN_REPORTS]:.0f} mm", "not"))
         last_s = float(t_s[k])
     return found
 

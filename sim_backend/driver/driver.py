@@ -1,14 +1,16 @@
-"""What stands between a control step and a robot, simulated or real."""
+"""What stands between a control step and a robot, simulated or real.
+
+What is made anew in each control period is a named tuple: a frozen dataclass sets each of its fields by a call of its own.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 
-@dataclass(frozen=True)
-class Command:
+class Command(NamedTuple):
     """What a policy asks of n robots until the next command.
 
     ``desired_torque_nm`` has shape (n, 9) in N m; ``position_target_rad`` has shape (n, 9) in rad, or is None for a command
@@ -37,8 +39,7 @@ class Start:
     cube_velocity: np.ndarray | None = None
 
 
-@dataclass(frozen=True)
-class Segment:
+class Segment(NamedTuple):
     """Everything that happened in a stretch of physics steps, for n robots.
 
     Row k is the state *before* step k together with the torque that acted during step k. Shapes (n, steps, 9) in rad, rad/s
@@ -61,8 +62,7 @@ class Segment:
     cube_quat_wxyz: np.ndarray
 
 
-@dataclass(frozen=True)
-class Measurement:
+class Measurement(NamedTuple):
     """What n robots measure now. Shapes (n, 9) in rad, rad/s and N m.
 
     Known to a simulation only: true joint states (n, 9) and the cube's pose, (n, 3) in m and (n, 4) wxyz.

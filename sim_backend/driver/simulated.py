@@ -2,7 +2,6 @@
 
 import copy
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
 from typing import Any
 
 import mujoco
@@ -291,8 +290,8 @@ def _with_effects(physics: Physics) -> str:
 def _joined(segments: list[Segment]) -> Segment:
     """Segments that follow each other as one."""
     arrays = {
-        field.name: np.concatenate([getattr(segment, field.name) for segment in segments], axis=1)
-        for field in fields(Segment)
-        if field.name != "first_step"
+        name: np.concatenate([getattr(segment, name) for segment in segments], axis=1)
+        for name in Segment._fields
+        if name != "first_step"
     }
     return Segment(first_step=segments[0].first_step, **arrays)

@@ -6,8 +6,8 @@ those behind it. A frame that is lost leaves no report and does not touch the fi
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,8 +25,7 @@ _NEVER = 2**62  # steps
 _WORST_JITTER = 4.0  # standard deviations that the frames before the start allow for
 
 
-@dataclass(frozen=True)
-class TrackedPose:
+class TrackedPose(NamedTuple):
     """The newest report of the tracker for each of n robots.
 
     ``capture_step`` and ``delivery_step`` (n,) say when the image was taken and when the pose arrived, in physics steps since
@@ -189,16 +188,16 @@ class Tracker:
         if not self._reads_noise:
             return latest
         position_m, quat_wxyz = read(self._all_values, self._seed, step, latest.cube_position_world_m, latest.cube_quat_wxyz)
-        return replace(latest, cube_position_world_m=position_m, cube_quat_wxyz=quat_wxyz)
+        return latest._replace(cube_position_world_m=position_m, cube_quat_wxyz=quat_wxyz)
 
     def state(self) -> dict[str, Any]:
         """What :meth:`restore` needs to go on from here: numbers and arrays."""
-        under_way = [{**vars(flight), "report": vars(flight.report)} for flight in self._under_way]
+        under_way = [{**vars(flight), "report": flight.report._asdict()} for flight in self._under_way]
         return {
             "seed": self._seed,
             "begun": self._begun,
-            "previous": vars(self._previous),
-            "latest": vars(self.latest),
+            "previous": self._previous._asdict(),
+            "latest": self.latest._asdict(),
             "under_way": [{**flight, "waiting": flight["waiting"].copy()} for flight in under_way],
         }
 
@@ -264,13 +263,14 @@ class Tracker:
         raw = position_m, quat_wxyz, confidence
         pose = filtered(*raw, *(_rows_of(array, rows) for array in _pose(self._previous)))
         report, kept = TrackedPose(capture_step, delivery_step, *pose, *raw, visible), ~lost
-        if kept.any():
+        first = self._first(rows, delivery_step, kept)
+        if first < _NEVER:
             self._previous = _with_rows(self._previous, rows, report, kept)
-            self._under_way.append(_UnderWay(rows, report, kept, self._first(rows, delivery_step, kept)))
+            self._under_way.append(_UnderWay(rows, report, kept, first))
 
     def _first(self, rows: np.ndarray, delivery_step: np.ndarray, waiting: np.ndarray) -> int:
-        """The driver's step of the first report that is waited for."""
-        return int((delivery_step + _rows_of(self._begun, rows))[waiting].min()) if waiting.any() else _NEVER
+        """The driver's step of the first report that is waited for; never if none is."""
+        return int((delivery_step + _rows_of(self._begun, rows))[waiting].min(initial=_NEVER))
 
 
 def filtered(
@@ -323,7 +323,7 @@ def _with_rows(report: TrackedPose, rows: np.ndarray, changed: TrackedPose, wher
     """A report with that of others for some robots: those of ``rows`` that are marked in ``where``."""
     if len(rows) == len(report.confidence) and where.all():
         return changed
-    merged = {field.name: getattr(report, field.name).copy() for field in fields(TrackedPose)}
-    for name, values in merged.items():
-        values[rows[where]] = getattr(changed, name)[where]
-    return TrackedPose(**merged)
+    merged = TrackedPose(*(values.copy() for values in report))
+    for values, new in zip(merged, changed, strict=True):
+        values[rows[where]] = new[where]
+    return merged

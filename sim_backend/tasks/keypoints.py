@@ -10,15 +10,19 @@ KEYPOINTS_CUBE_M = np.array(
 """Corner i in the cube's frame, shape (8, 3), m: bits 0, 1, 2 of i give the signs of x, y, z (a clear bit is plus)."""
 
 
+_AXES, _NEXT, _LAST = np.array([0, 1, 2]), np.array([1, 2, 0]), np.array([2, 0, 1])
+"""x, y, z, and of each the axis after it and the one before it, in turn."""
+
+
 def rotation_matrix(quat_wxyz: np.ndarray) -> np.ndarray:
     """Rotation matrices of unit quaternions; shape (..., 4) to (..., 3, 3)."""
     quat = np.asarray(quat_wxyz)
-    w, x, y, z = (quat[..., index] for index in range(4))
-    xx, yy, zz, xy, xz, yz, wx, wy, wz = x * x, y * y, z * z, x * y, x * z, y * z, w * x, w * y, w * z
+    w, xyz = quat[..., :1], quat[..., 1:]
+    yzx, zxy = xyz[..., _NEXT], xyz[..., _LAST]
+    across, along = xyz * yzx, w * zxy
     turned = np.empty((*quat.shape[:-1], 3, 3), np.result_type(quat, np.float32))
-    turned[..., 0, 0], turned[..., 0, 1], turned[..., 0, 2] = 1 - 2 * (yy + zz), 2 * (xy - wz), 2 * (xz + wy)
-    turned[..., 1, 0], turned[..., 1, 1], turned[..., 1, 2] = 2 * (xy + wz), 1 - 2 * (xx + zz), 2 * (yz - wx)
-    turned[..., 2, 0], turned[..., 2, 1], turned[..., 2, 2] = 2 * (xz - wy), 2 * (yz + wx), 1 - 2 * (xx + yy)
+    turned[..., _AXES, _AXES] = 1 - 2 * (yzx * yzx + zxy * zxy)
+    turned[..., _AXES, _NEXT], turned[..., _NEXT, _AXES] = 2 * (across - along), 2 * (across + along)
     return turned
 
 

@@ -1,6 +1,5 @@
 """The policy that shows how: which one it is, what it sees, and what it asks for in units of the student's actions."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -56,7 +55,7 @@ def as_it_is(sight: Sight) -> Sight:
         "cube_quat_wxyz": measured.cube_quat_wxyz,
         "capture_step": np.asarray(sight.step),
     }
-    return replace(sight, measurement=replace(measured, **joints), tracked=replace(sight.tracked, **cube))
+    return sight._replace(measurement=measured._replace(**joints), tracked=sight.tracked._replace(**cube))
 
 
 def check_same_actions(first: PolicyManifest, second: PolicyManifest) -> None:

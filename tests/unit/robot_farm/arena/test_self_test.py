@@ -1,7 +1,6 @@
 """A self-test names the joint or the camera that is wrong, and passes robots that are only not alike."""
 
 import contextlib
-import dataclasses
 
 import numpy as np
 import pytest
@@ -97,7 +96,7 @@ def test_a_perfect_tracker_passes(reports):
     ],
 )
 def test_the_laboratorys_limits(reports, change, says):
-    wrong = [dataclasses.replace(report, **change(i, report)) for i, report in enumerate(reports)]
+    wrong = [report._replace(**change(i, report)) for i, report in enumerate(reports)]
     assert says in str(wrong_sight(wrong, CUBE))
 
 

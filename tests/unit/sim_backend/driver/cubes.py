@@ -1,7 +1,5 @@
 """Cubes at rest and in a grasp before the cameras, and the statistics of what is reported of them."""
 
-from dataclasses import fields
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.stats import binom, chi2, norm
@@ -39,9 +37,9 @@ def segment(first, steps, n=1, joints=UPRIGHT, position=REST_M, quat=REST_WXYZ) 
 
 
 def start(part: Segment) -> Measurement:
-    first = {field.name: getattr(part, field.name)[:, 0] for field in fields(Segment) if field.name != "first_step"}
+    first = {name: getattr(part, name)[:, 0] for name in Segment._fields if name != "first_step"}
     measured = {"joint_torque_nm": first["measured_torque_nm"], **first}
-    return Measurement(**{field.name: measured[field.name] for field in fields(Measurement) if field.name in measured})
+    return Measurement(**{name: measured[name] for name in Measurement._fields if name in measured})
 
 
 def reports(values=None, *, n=1, seconds=10.0, seed=7, block=100, physics=None, shape=None, **state) -> list[TrackedPose]:

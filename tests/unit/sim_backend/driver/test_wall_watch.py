@@ -57,7 +57,7 @@ def test_a_robot_alone_goes_where_one_in_a_batch_goes(object_name, physics):
         alone.reset(start)
         batch.reset(of_two(start))
         one, both = alone.advance_torques(torque_nm.copy()), batch.advance_torques(np.repeat(torque_nm, 2, axis=0))
-        for name in set(vars(one)) - {"first_step"}:
+        for name in set(one._fields) - {"first_step"}:
             np.testing.assert_array_equal(getattr(one, name)[0], getattr(both, name)[0], err_msg=name)
         touched += _was_at_wall(one)
     assert touched > TRIALS // 2

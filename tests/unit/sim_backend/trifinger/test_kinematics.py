@@ -48,4 +48,10 @@ def test_keypoint_bits_give_signs_and_clear_bits_are_plus():
 def test_rotation_matrix_and_angle():
     quarter = np.array([np.sqrt(0.5), 0, 0, np.sqrt(0.5)])
     np.testing.assert_allclose(rotation_matrix(quarter) @ [1, 0, 0], [0, 1, 0], atol=1e-12)
+    quats = np.random.default_rng(0).standard_normal((20, 4))
+    quats /= np.linalg.norm(quats, axis=1, keepdims=True)
+    turned = np.empty(9)
+    for quat, matrix in zip(quats, rotation_matrix(quats), strict=True):
+        mujoco.mju_quat2Mat(turned, quat)
+        np.testing.assert_allclose(matrix.ravel(), turned, atol=1e-12)
     assert np.isclose(angle_between_rad(quarter, -np.array([1.0, 0, 0, 0])), np.pi / 2)
