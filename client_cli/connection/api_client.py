@@ -291,10 +291,13 @@ class ApiClient:
     def _pages(self, schema: type[ListPage], path: str) -> Iterator[ListPage]:
         cursor: str | None = None
         while True:
-            page = self._get(schema, path, params={"cursor": cursor} if cursor else None)
+            page = self._page(schema, path, cursor)
             yield page
             if (cursor := page.next_cursor) is None:
                 return
+
+    def _page(self, schema: type[ListPage], path: str, cursor: str | None) -> ListPage:
+        return patiently(lambda: self._get(schema, path, params={"cursor": cursor} if cursor else None))
 
     def _get(self, schema: type[Answer], path: str, **request: Any) -> Answer:
         return self._answer(schema, self._send("GET", path, **request))
