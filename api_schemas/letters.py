@@ -4,6 +4,10 @@ from collections.abc import Callable, Sequence
 
 from api_schemas.anytime import CHANCE
 
+MOST_GROUPS = 81
+"""As many as twelve policies can fall into (3 ** 4; Moon and Moser, Israel J. Math. 3 (1965) 23). With every three more it can be
+three times as many: nobody reads such letters, and who makes them has time for nothing else."""
+
 
 def pair_chance(policies: int) -> float:
     """The chance of an error that each pair of so many policies may have, if all pairs together are to have ``CHANCE``.
@@ -23,10 +27,11 @@ def holm(chances: Sequence[float]) -> list[bool]:
     return refuted
 
 
-def compact_letters(apart: Sequence[Sequence[bool]]) -> tuple[str, ...]:
+def compact_letters(apart: Sequence[Sequence[bool]]) -> tuple[str | None, ...]:
     """Letters for policies in their order, best first: two that share one cannot be told apart.
 
-    Insert and absorb (Piepho, J. Comput. Graph. Stat. 13 (2004) 456): each pair that differs splits the groups that hold both.
+    Insert and absorb (Piepho, J. Comput. Graph. Stat. 13 (2004) 456): each pair that differs splits the groups that hold both. Of
+    policies in more than ``MOST_GROUPS`` groups none gets letters.
 
     Args:
         apart: whether the policies of a row and of a column were told apart; symmetric.
@@ -39,6 +44,8 @@ def compact_letters(apart: Sequence[Sequence[bool]]) -> tuple[str, ...]:
                 continue
             split = [part for group in groups for part in _without(group, one, other)]
             groups = [group for group in dict.fromkeys(split) if not any(group < larger for larger in split)]
+            if len(groups) > MOST_GROUPS:
+                return (None,) * count
     ordered = sorted(groups, key=sorted)
     return tuple("".join(_letter(index) for index, group in enumerate(ordered) if each in group) for each in range(count))
 
@@ -52,7 +59,7 @@ def _letter(index: int) -> str:
     return chr(ord("a") + index % 26) + "'" * (index // 26)
 
 
-def letters_where(count: int, differ: Callable[[int, int], bool]) -> tuple[str, ...]:
+def letters_where(count: int, differ: Callable[[int, int], bool]) -> tuple[str | None, ...]:
     """Letters of so many policies in their order, best first; ``differ`` says of two of them whether they were told apart."""
     apart = [[False] * count for _ in range(count)]
     for one in range(count):

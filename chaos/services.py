@@ -57,9 +57,9 @@ def keep_history(history: Writes) -> None:
         history("took", trial=reported.trial_id, fence=report.fence, robot=report.robot, again=ending.job_id is None)
         return ending
 
-    async def ending_it(self: LeaseEnder, claim: Any, reason: str) -> None:
+    async def ending_it(self: LeaseEnder, claim: Any, reason: str, *, never_offered: bool = False) -> None:
         history("ended", trial=claim.trial_id, fence=claim.fence, robot=claim.robot, because=reason)
-        await end(self, claim, reason)
+        await end(self, claim, reason, never_offered=never_offered)
 
     Giver._given, Holding.accept, LeaseEnder.end = giving, accepting, ending_it
 

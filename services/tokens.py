@@ -13,7 +13,7 @@ from sqlalchemy import Insert, bindparam, delete, insert, select, update
 from sqlalchemy.exc import IntegrityError
 
 from api_schemas.token import NewToken, Scope, Token, TokenRequest
-from services.database.database import Database
+from services.database.database import AWAY, Database
 from services.database.pages import Asked, Page, read_page
 from services.database.rows import AnyRow
 from services.database.tables import token
@@ -132,8 +132,9 @@ class Tokens:
         if now_s - self._used_s.get(token_id, 0.0) < LAST_USED_EVERY_S:
             return
         self._used_s[token_id] = now_s
-        async with self.database.single() as connection:
-            await connection.execute(update(token).where(token.c.token_id == token_id).values(last_used_at=iso(now_s)))
+        with suppress(*AWAY):  # on a full disk whoever only reads is answered all the same
+            async with self.database.single() as connection:
+                await connection.execute(update(token).where(token.c.token_id == token_id).values(last_used_at=iso(now_s)))
 
     async def make(self, request: TokenRequest) -> NewToken:
         """A new token; its secret is in the answer and nowhere else."""

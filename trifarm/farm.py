@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Self
 
 from api_schemas.job import POLICY_TASKS, Job, JobPriority, JobState, TaskName
 from api_schemas.physics import ObjectName
-from api_schemas.report import Report, read_report
+from api_schemas.report import Report
 from api_schemas.share import USUAL_DAYS, NewShare, Share
 from api_schemas.trial import OutcomeKind, Trial
 from client_cli.commands.asking import Asking
@@ -232,7 +232,7 @@ class FarmJob:
         """
         if self.job.state in {JobState.FAILED, JobState.CANCELLED}:
             raise ClientError(f"job {self.id} {self.job.state}: {self.job.reason or 'no reason given'}")
-        report = read_report(self.client.report(self.id))
+        report = self.client.known_report(self.id)
         if not isinstance(report, Report):
             raise ClientError(f"job {self.id} is an identification; 'trifarm report {self.id} --json' shows what it recorded")
         return report

@@ -17,7 +17,7 @@ from api_schemas.comparison import (
     changed_sides,
     compare,
 )
-from api_schemas.report import Report, read_report
+from api_schemas.report import Report
 from api_schemas.success_rate import SHOWN
 from client_cli.connection.api_client import ApiClient
 from client_cli.connection.settings import load_connection
@@ -65,7 +65,7 @@ def compare_jobs(
 
 
 def _report(client: ApiClient, job_id: str) -> Report:
-    report = read_report(client.report(job_id))
+    report = client.known_report(job_id)
     if not isinstance(report, Report):
         raise UsageProblem(f"job {job_id} is an identification, which has no goals to compare")
     return report

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from api_schemas.report import Report, read_report
+from api_schemas.report import Report
 from api_schemas.signature import Signature
 from client_cli.connection.api_client import ApiClient
 from client_cli.connection.farm_keys import keep_key
@@ -50,7 +50,7 @@ def write_print(client: ApiClient, job_id: str, path: Path) -> None:
 
 
 def _signed(client: ApiClient, job_id: str) -> tuple[Report, Signature]:
-    stored, signature = read_report(client.report(job_id)), client.signature(job_id)
+    stored, signature = client.known_report(job_id), client.signature(job_id)
     if not isinstance(stored, Report):
         raise UsageProblem(f"job {job_id} is an identification; only reports of policies are made as pages")
     keep_key(home_folder(os.environ), client.url, signature.key)

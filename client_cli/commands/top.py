@@ -18,11 +18,13 @@ from api_schemas.status import FarmStatus
 from api_schemas.visible import visible
 from client_cli.connection.api_client import ApiClient
 from client_cli.connection.settings import load_connection
-from client_cli.terminal.errors import ServerAway
+from client_cli.terminal.errors import Refused, ServerAway
 from client_cli.terminal.options import JsonOption
 from client_cli.terminal.output import PIPE_COLUMNS, age, duration, print_document
 
 MOST_JOBS = 12
+PASSING = frozenset({429, 500, 502, 503, 504})
+"""What a farm answers, or a proxy before it, while a part of it is away or too much is asked; whoever watches goes on."""
 STYLES = {
     RobotState.IDLE: "green",
     RobotState.LEASED: "cyan",
@@ -79,8 +81,11 @@ def _follow(client: ApiClient, every_s: float) -> None:
                 try:
                     last = view(Seen.now(client))
                     live.update(last, refresh=True)
-                except ServerAway:
-                    away = Text(f"{client.url} does not answer; what follows is old", style="bold red")
+                except (ServerAway, Refused) as error:
+                    if isinstance(error, Refused) and error.problem.status not in PASSING:
+                        raise
+                    why = error.detail.rstrip(".") if isinstance(error, Refused) else f"{client.url} does not answer"
+                    away = Text(visible(f"{why}; what follows is old"), style="bold red")
                     live.update(Group(away, last), refresh=True)
     except KeyboardInterrupt:
         return

@@ -1,5 +1,6 @@
 """The only file that speaks HTTP: one method for each request, pydantic schemas in and out, errors that say what to do."""
 
+import json
 import ssl
 import time
 from collections.abc import Iterable, Iterator
@@ -19,6 +20,7 @@ from api_schemas.ladder import Ladder, LadderRequest
 from api_schemas.leaderboard import Leaderboard
 from api_schemas.physics import ObjectName
 from api_schemas.policy import Policy, PolicyManifest, canonical_json
+from api_schemas.report import IdentificationReport, Report, read_report
 from api_schemas.robot import Robot, RobotPage
 from api_schemas.share import NewShare, Share, SharePage, ShareRequest
 from api_schemas.signature import Signature
@@ -61,7 +63,7 @@ class ApiClient:
         self.url = connection.url
         headers = {"Authorization": f"Bearer {connection.token}"} if connection.token else {}
         # A proxy for the outside world must not stand between us and a farm on this very machine.
-        is_local = httpx.URL(connection.url).host in {"127.0.0.1", "localhost", "::1"}
+        is_local = _host(connection.url) in {"127.0.0.1", "localhost", "::1"}
         self._ca = connection.ca
         trusted = True if connection.ca is None else _trusted(connection.ca)
         self._http = httpx.Client(
@@ -78,7 +80,7 @@ class ApiClient:
         """Whether a server answers /healthz with 200."""
         try:
             return self._http.get("/healthz").status_code == httpx.codes.OK
-        except httpx.TransportError:
+        except httpx.RequestError:
             return False
 
     def upload_policy(self, digest: str, weights: Path, manifest: PolicyManifest) -> Policy:
@@ -201,11 +203,29 @@ class ApiClient:
 
     def report(self, job_id: str) -> bytes:
         """The report as stored, byte by byte: it never changes."""
-        return self._send("GET", f"{job_path(job_id)}/report").content
+        response = self._send("GET", f"{job_path(job_id)}/report")
+        try:
+            is_report = isinstance(json.loads(response.content), dict)
+        except (ValueError, RecursionError):
+            is_report = False
+        if not is_report:
+            raise self._foreign(response, "report")
+        return response.content
+
+    def known_report(self, job_id: str) -> Report | IdentificationReport:
+        """The report as this version understands it."""
+        response = self._send("GET", f"{job_path(job_id)}/report")
+        try:
+            return read_report(response.content)
+        except ValidationError as error:
+            raise self._foreign(response, "report", error) from error
 
     def report_text(self, job_id: str) -> str:
         """The report for people."""
-        return self._send("GET", f"{job_path(job_id)}/report/text").text
+        response = self._send("GET", f"{job_path(job_id)}/report/text")
+        if not response.headers.get("content-type", "").startswith("text/plain"):  # such as a page of a proxy's
+            raise self._foreign(response, "report")
+        return response.text
 
     def signature(self, job_id: str) -> Signature:
         """The farm's word for the report."""
@@ -271,10 +291,13 @@ class ApiClient:
     def _pages(self, schema: type[ListPage], path: str) -> Iterator[ListPage]:
         cursor: str | None = None
         while True:
-            page = self._get(schema, path, params={"cursor": cursor} if cursor else None)
+            page = self._page(schema, path, cursor)
             yield page
             if (cursor := page.next_cursor) is None:
                 return
+
+    def _page(self, schema: type[ListPage], path: str, cursor: str | None) -> ListPage:
+        return patiently(lambda: self._get(schema, path, params={"cursor": cursor} if cursor else None))
 
     def _get(self, schema: type[Answer], path: str, **request: Any) -> Answer:
         return self._answer(schema, self._send("GET", path, **request))
@@ -282,7 +305,7 @@ class ApiClient:
     def _send(self, method: str, path: str, **request: Any) -> httpx.Response:
         try:
             response = self._http.request(method, path, **request)
-        except httpx.TransportError as error:
+        except httpx.RequestError as error:
             raise self._away(error) from error
         if not response.is_success:
             raise _refused(response)
@@ -296,16 +319,16 @@ class ApiClient:
                     response.read()
                     raise _refused(response)
                 yield response
-        except httpx.TransportError as error:
+        except httpx.RequestError as error:
             raise self._away(error) from error
 
     def _guarded(self, parts: Iterator[Any]) -> Iterator[Any]:
         try:
             yield from parts
-        except httpx.TransportError as error:
+        except httpx.RequestError as error:
             raise self._away(error) from error
 
-    def _away(self, error: httpx.TransportError) -> ServerAway:
+    def _away(self, error: httpx.RequestError) -> ServerAway:
         said = str(error) or type(error).__name__
         if "certificate" in said.lower():
             trusts = "is not set" if self._ca is None else f"is {self._ca}"
@@ -316,10 +339,23 @@ class ApiClient:
         try:
             return schema.model_validate_json(response.content)
         except ValidationError as error:
-            raise ClientError(
-                f"{self.url} answered {response.request.method} {response.request.url.path} with something that is not a "
-                f"{schema.__name__} ({error.error_count()} differences): is it a trifarm server of the same version?"
-            ) from error
+            raise self._foreign(response, schema.__name__, error) from error
+
+    def _foreign(self, response: httpx.Response, wanted: str, error: ValidationError | None = None) -> ClientError:
+        """The error for a success that is none of a farm's: a proxy may show a page of its own in its place."""
+        asked = f"{response.request.method} {response.request.url.path}"
+        how = "" if error is None else f" ({error.error_count()} differences)"
+        what = f"something that is not a {wanted}{how}"
+        return ClientError(f"{self.url} answered {asked} with {what}: is it a trifarm server of the same version?")
+
+
+def _host(url: str) -> str:
+    try:
+        host = httpx.URL(url).host
+        host.encode("idna")  # as it is when its address is looked up
+    except (httpx.InvalidURL, UnicodeError) as error:
+        raise UsageProblem(f"the server's address is {url!r:.100}, whose host cannot be looked up ({error})") from error
+    return host
 
 
 def _trusted(ca: str) -> ssl.SSLContext:

@@ -6,7 +6,7 @@ from typing import TypeVar
 
 from client_cli.terminal.errors import ClientError, Refused
 
-BUSY = frozenset({"/problems/too-many-uploads", "/problems/too-many-verifications", "/problems/too-many-event-readers"})
+BUSY = frozenset(f"/problems/too-many-{each}" for each in ("uploads", "verifications", "event-readers", "waiting"))
 """Refusals that pass when something of one's own has ended, which takes no more than minutes."""
 PATIENCE_S = 300.0
 

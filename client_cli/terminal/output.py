@@ -4,6 +4,7 @@ import json
 import os
 import sys
 from collections.abc import Iterable
+from contextlib import suppress
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
@@ -45,9 +46,10 @@ def drop_stdout() -> None:
 
 
 def note(text: str) -> None:
-    """A line about the way to the result."""
-    sys.stderr.write(visible(text) + "\n")
-    sys.stderr.flush()
+    """A line about the way to the result; lost where nobody takes it, which changes neither the result nor the exit code."""
+    with suppress(OSError):
+        sys.stderr.write(visible(text) + "\n")
+        sys.stderr.flush()
 
 
 def print_table(columns: Iterable[str], rows: Iterable[Iterable[object]]) -> None:

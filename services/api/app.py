@@ -32,6 +32,7 @@ from services.api import (
 from services.api.door import Door
 from services.api.farm import Farm
 from services.api.rate_limits import Limits
+from services.turns import Turns
 
 
 def create_app(farm: Farm) -> FastAPI:
@@ -49,6 +50,7 @@ def create_app(farm: Farm) -> FastAPI:
     app.state.farm, app.state.operations = farm, []
     app.state.link_readers, app.state.event_readers = Counter(), Counter()
     app.state.uploads, app.state.verified = Counter(), Counter()
+    app.state.lists = Turns()
     problems.install(app)
     document.install(app)
     app.state.limits = Limits.of(farm.settings)

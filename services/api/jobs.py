@@ -104,7 +104,7 @@ async def get_goals(job_id: JobId, caller: User, farm: TheFarm, asked: Annotated
         if row.policy is None:
             raise Conflict("no-goals", f"Job {job_id} is an identification, whose excitations have no goals.")
         page = await trial_page(connection, row.number, asked)
-    goals = await farm.goals.of_job(row, page.entries)
+    goals = await farm.goals.of_job(row, page.entries, caller.owner)
     return goals.model_copy(update={"next_cursor": encode(page.following)})
 
 

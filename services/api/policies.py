@@ -7,6 +7,7 @@ import tempfile
 from pathlib import Path
 from typing import Annotated, BinaryIO, Literal
 
+import structlog
 from fastapi import APIRouter, Depends, Request, Response
 from fastapi import Path as InPath
 from pydantic import ValidationError
@@ -24,11 +25,12 @@ from services.api.paging import encode, numbered
 from services.api.serving import stored_file
 from services.database.pages import Asked
 from services.errors import Refused, TooLarge, TooMany
-from services.jobs import lease
+from services.jobs import completion, lease
 from services.policies.intake import weights_format
 from services.policies.keeping import Upload
 from services.tokens import Caller
 
+log = structlog.get_logger()
 router = APIRouter(prefix="/v1/policies", tags=["policies"])
 Digest = Annotated[str, InPath(pattern=r"^[0-9a-f]{64}$")]
 BuiltinName = Literal["grasp", "grasp-turn"]
@@ -175,4 +177,24 @@ async def get_graph(digest: Digest, request: Request, caller: RobotCaller, farm:
     async with farm.database.read() as connection:
         await lease.check_policy_leased(connection, digest, caller.robot)
     policy = await farm.policies.find(digest)
+    if caller.robot is not None and await farm.files.find(policy.graph_sha256) is None:
+        await _break_off_jobs(policy, farm)
     return await stored_file(request, farm.files, policy.graph_sha256, GRAPH, f"{digest}.onnx")
+
+
+async def _break_off_jobs(policy: Policy, farm: Farm) -> None:
+    """Fails the jobs of a policy whose graph is gone.
+
+    No robot can run them. Each that tried would be blamed for a lease that it could not use, until all are out of service.
+    """
+    async with farm.database.read() as connection:
+        numbers = await completion.unended_of(connection, policy.digest)
+    hint = "once the policy has been uploaded again, an operator can queue the job again"
+    reason = f"the file of policy {policy.name}'s graph is gone from the farm; {hint}"
+    for number in numbers:
+        async with farm.database.write() as tx:
+            job_id = await completion.break_off(tx, farm.clock.now_s(), number, reason)
+        if job_id is not None:
+            log.error("job failed, its policy's graph is gone", job=job_id, digest=policy.digest, graph=policy.graph_sha256)
+            farm.signals.job_changed(job_id)
+    farm.signals.wake_dispatcher(urgent=True)

@@ -21,6 +21,7 @@ from services.dashboard.bringing import UnreadableError, bring
 from services.dashboard.pages import HEADERS, takes_gzip
 from services.dashboard.replay_limits import DEADLINE_S, LARGEST_REPLAY_BYTES
 from services.errors import Unavailable
+from services.turns import Turns
 
 BINARY = "application/octet-stream"
 FORM = 6
@@ -38,38 +39,39 @@ class Replays:
     """Reduced logs as files, named by what they were made of; belongs to the event loop."""
 
     folder: Path
-    _turn: asyncio.Semaphore = field(default_factory=lambda: asyncio.Semaphore(AT_ONCE))
+    _turns: Turns = field(default_factory=lambda: Turns(AT_ONCE))
 
-    async def reduced(self, farm: Farm, log: str, truth: str | None) -> Path:
-        """The replay of a log, with what a truth adds to it, as gzip packs it.
+    async def reduced(self, farm: Farm, reader: str, log: str, truth: str | None) -> Path:
+        """The replay of a log, with what a truth adds to it, as gzip packs it; ``reader`` is the owner whose turn it takes.
 
         Raises:
             Unavailable: the log cannot be read, or not in time, or the farm's jail is too open to read any.
+            TooMany: too many of the reader's requests wait for theirs.
         """
         path = self.folder / f"{log}{'' if truth is None else f'-{truth}'}-{FORM}.gz"
-        return await self._kept(farm, path, [log] if truth is None else [log, truth])
+        return await self._kept(farm, reader, path, [log] if truth is None else [log, truth])
 
-    async def measured(self, farm: Farm, log: str) -> Path:
+    async def measured(self, farm: Farm, reader: str, log: str) -> Path:
         """The replay of what a log's robot measured, without the truth that logs of ideal robots have beside it.
 
         Raises:
-            Unavailable: as ``reduced``.
+            Unavailable, TooMany: as ``reduced``.
         """
-        return await self._kept(farm, self.folder / f"{log}-{MEASURED}-{FORM}.gz", [log], MEASURED)
+        return await self._kept(farm, reader, self.folder / f"{log}-{MEASURED}-{FORM}.gz", [log], MEASURED)
 
-    async def images(self, farm: Farm, log: str) -> Path:
+    async def images(self, farm: Farm, reader: str, log: str) -> Path:
         """What the cameras of a log's trial saw.
 
         Raises:
-            Unavailable: as ``reduced``.
+            Unavailable, TooMany: as ``reduced``.
         """
-        return await self._kept(farm, self.folder / f"{log}-{IMAGES}-{FORM}.gz", [log], IMAGES)
+        return await self._kept(farm, reader, self.folder / f"{log}-{IMAGES}-{FORM}.gz", [log], IMAGES)
 
-    async def _kept(self, farm: Farm, path: Path, sources: list[str], *how: str) -> Path:
-        async with self._turn:
-            if not await asyncio.to_thread(path.exists):
-                await self._make(farm, path, sources, *how)
-            await asyncio.to_thread(path.touch)
+    async def _kept(self, farm: Farm, reader: str, path: Path, sources: list[str], *how: str) -> Path:
+        if not await asyncio.to_thread(_renewed, path):
+            async with self._turns.of(reader):
+                if not await asyncio.to_thread(_renewed, path):
+                    await self._make(farm, path, sources, *how)
         return path
 
     async def _make(self, farm: Farm, path: Path, sources: list[str], *how: str) -> None:
@@ -96,6 +98,15 @@ class Replays:
             total += max(size, COUNTED_BYTES)
             if total > KEPT_BYTES and kept != path:
                 kept.unlink(missing_ok=True)
+
+
+def _renewed(path: Path) -> bool:
+    """Whether the replay is kept; from now on it counts as looked at now."""
+    try:
+        os.utime(path)
+    except FileNotFoundError:
+        return False
+    return True
 
 
 def _looked_at(folder: Path) -> list[tuple[float, int, Path]]:

@@ -110,7 +110,7 @@ async def get_shared_replay(row: Opened, request: Request, farm: TheFarm, replay
     shown = await trials.get_trial(row.trial_id, _reader(row), farm)
     if shown.log_sha256 is None:
         raise shares.missing()
-    return await sent(await replays.measured(farm, shown.log_sha256), request)
+    return await sent(await replays.measured(farm, row.job_owner, shown.log_sha256), request)
 
 
 @router.get("/shares")

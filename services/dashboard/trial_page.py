@@ -60,7 +60,7 @@ async def get_replay(trial_id: TrialId, request: Request, session: SignedIn, far
         async with farm.database.read() as connection:
             row = await trial_row(connection, trial_id)
         truth = None if row is None else row.truth_sha256
-    return await sent(await replays.reduced(farm, shown.log_sha256, truth), request)
+    return await sent(await replays.reduced(farm, session.caller.owner, shown.log_sha256, truth), request)
 
 
 @router.get("/trials/{trial_id}/images")
@@ -69,7 +69,7 @@ async def get_images(trial_id: TrialId, request: Request, session: SignedIn, far
     shown = await trials.get_trial(trial_id, session.caller, farm)
     if shown.log_sha256 is None:
         raise NotFound("log-not-found", f"Trial {trial_id} is {shown.state} and has no log; logs come with accepted outcomes.")
-    return await sent(await replays.images(farm, shown.log_sha256), request)
+    return await sent(await replays.images(farm, session.caller.owner, shown.log_sha256), request)
 
 
 @router.get("/trials/{trial_id}/open/{viewer}")

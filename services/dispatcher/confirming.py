@@ -33,6 +33,7 @@ class Confirming:
     async def _write_soon(self, job_id: str) -> None:
         await asyncio.sleep(GATHER_S)
         claims = self._waiting.pop(job_id)
+        del self._writing[job_id]  # who waits for it has it
         async with self.database.write(lasting=False) as tx:
             confirmed = await lease.confirm_leases(tx, self.clock.now_s(), claims)
         if confirmed:

@@ -268,7 +268,7 @@ class Dispatcher:
             if not leads:
                 continue
             if (reason := self._ender.why_overdue(row, now_s)) is not None:
-                await self._ender.end(claim, reason)
+                await self._ender.end(claim, reason, never_offered=self._ender.was_never_offered(row, now_s))
                 continue
             if row.trial_state == TrialState.LEASED and self.fleet.member(claim.robot).said_claim() == claim:
                 accepted.append((claim, row.job_id))  # what it answered to the offer was not noted

@@ -104,7 +104,8 @@ class Hearing:
         if member.is_doubled(now_s):
             log.error("robot out of service", robot=beat.robot, reason=member.reason(now_s))
         elif held is not None and (is_new or offer_lost) and (beat.trial_id, beat.fence) != (held.trial_id, held.fence):
-            await self.leases.end(held, f"{beat.robot} restarted while it held the lease")
+            did = "restarted while it held the lease" if is_new else "has no such trial"
+            await self.leases.end(held, f"{beat.robot} {did}", never_offered=not is_new)
 
     async def _keep(self, beats: Sequence[Heartbeat]) -> Sequence[tuple[Heartbeat, bool, Claim | None]]:
         """Of each whether nobody had written the process down before, and the attempt that the robot has a lease for."""

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import structlog
 
+from api_schemas.trial import TrialState
 from services.database.database import Database
 from services.database.rows import AnyRow
 from services.jobs import completion
@@ -38,16 +39,28 @@ class LeaseEnder:
             return f"{row.robot} was lost and did not come back within {grace_s:g} s"
         return None
 
-    async def end(self, claim: Claim, reason: str) -> None:
+    def was_never_offered(self, row: AnyRow, now_s: float) -> bool:
+        """Whether an active trial was not accepted by a robot that lives, and that has named another one or none since then.
+
+        The services were ended, or the database went away, between the lease and its offer. A robot that accepts names the trial
+        with its next heartbeat.
+        """
+        given_s, claim = row.lease_until_s - self.settings.lease_s, Claim(row.trial_id, row.fence, row.robot)
+        return row.trial_state == TrialState.LEASED and self.fleet.member(row.robot).knows_nothing_of(claim, given_s, now_s)
+
+    async def end(self, claim: Claim, reason: str, *, never_offered: bool = False) -> None:
         """Sends the trial back to the queue, if the claim still holds.
 
-        Where the robot lives and says that the API did not answer it, neither robot nor trial has done anything wrong.
+        Where the robot lives and says that the API did not answer it, or was never asked, neither robot nor trial has done
+        anything wrong.
         """
         cut_off = self.fleet.member(claim.robot).was_cut_off(claim, self.clock.now_s())
-        reason = f"{reason}, since the API did not answer it" if cut_off else reason
+        if cut_off or never_offered:
+            reason += ", since the API did not answer it" if cut_off else ", since the services went away before they offered it"
         async with self.database.write() as tx:
             limit = self.settings.max_attempts
-            ending = await completion.fault(tx, self.clock.now_s(), claim, reason, limit, cut_off=cut_off)
+            excused = cut_off or never_offered
+            ending = await completion.fault(tx, self.clock.now_s(), claim, reason, limit, cut_off=excused)
         self.fleet.freed(claim, done=False)
         if ending is not None and ending.job_id is not None:
             log.warning("platform error of an attempt", trial=claim.trial_id, robot=claim.robot, reason=reason)

@@ -8,6 +8,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
+from weakref import WeakValueDictionary
 
 import obstore
 import structlog
@@ -60,6 +61,7 @@ class FileStore:
         self._root = root
         (root / INCOMING).mkdir(parents=True, exist_ok=True)
         self._home = LocalHome(root) if home is None else home
+        self._names: WeakValueDictionary[str, asyncio.Lock] = WeakValueDictionary()
 
     async def put(self, chunks: AsyncIterator[bytes], *, limit_bytes: int, expected_sha256: str | None = None) -> Stored:
         """Streams a body to disk while hashing it, then gives it its name; when that is done, a power cut does not take it.
@@ -81,8 +83,9 @@ class FileStore:
                 raise Refused(
                     "content-mismatch", f"The body's SHA-256 is {sha256}, not {expected_sha256} as announced; send again."
                 )
-            with _away_if_unreachable():
-                new = await self._home.take(spool, _key(sha256))
+            async with self._name(sha256):
+                with _away_if_unreachable():
+                    new = await self._home.take(spool, _key(sha256))
             return Stored(sha256, size, new)
         except OSError as error:
             if not is_full(error):
@@ -137,6 +140,22 @@ class FileStore:
         """Takes an object out of the store for good; one that is not there is no error."""
         with _away_if_unreachable(), suppress(FileNotFoundError):
             await obstore.delete_async(self._home.objects, _key(sha256))
+
+    async def remove_if_unchanged(self, known: Kept) -> bool:
+        """Removes an object that has not come again since it was listed; gives whether it did.
+
+        What comes at this moment comes before, and the object stays, or afterwards, and is stored anew.
+        """
+        async with self._name(known.sha256):
+            found = await self.find(known.sha256)
+            if found is None or found.stored_s != known.stored_s:
+                return False
+            await self.remove(known.sha256)
+            return True
+
+    def _name(self, sha256: str) -> asyncio.Lock:
+        """Held by whoever gives this name to an object, or takes it away."""
+        return self._names.setdefault(sha256, asyncio.Lock())
 
     def forget_unfinished(self) -> int:
         """Removes what a killed process left half written; gives how many files. Call when no upload can be under way."""

@@ -276,6 +276,21 @@ async def abandon(tx: AsyncConnection, now_s: float, job_number: int, reason: st
     return True
 
 
+async def unended_of(connection: AsyncConnection, digest: str) -> Sequence[int]:
+    """The numbers of the jobs of a policy that have not ended."""
+    wanted = select(job.c.number).where(job.c.policy == digest, job.c.state.in_(UNENDED)).order_by(job.c.number)
+    return (await connection.execute(wanted)).scalars().all()
+
+
+async def break_off(tx: AsyncConnection, now_s: float, job_number: int, reason: str) -> str | None:
+    """Fails a job whatever of it runs, which robots then stop; gives its id, None when it has ended or ends already."""
+    now = (await tx.execute(select(job).where(job.c.number == job_number).with_for_update())).one()
+    if now.state not in UNENDED or now.cancel_requested:
+        return None
+    await give_up(tx, now_s, job_number, reason)
+    return now.job_id
+
+
 async def give_up(tx: AsyncConnection, now_s: float, job_number: int, reason: str) -> None:
     """Fails a job that has not ended."""
     await cancel_queued(tx, job_number)

@@ -1,6 +1,5 @@
 """What the seeds of a job's trials stand for, asked of a child process: services load no physics."""
 
-import asyncio
 import json
 import math
 from collections import OrderedDict
@@ -13,6 +12,7 @@ from api_schemas.goal import JobGoals, OwnGoal, TrialGoal
 from services.child_process import ChildKilledError, run_module
 from services.database.rows import AnyRow
 from services.errors import Unavailable
+from services.turns import Turns
 
 DRAWING = "sim_backend.tasks.drawn"
 AT_ONCE = 300
@@ -28,20 +28,21 @@ Drawn = list[list[Any]]
 class DrawnGoals:
     """The goals of the jobs that were asked for last; owns what was drawn, so that the same seeds cost one child.
 
-    One asks at a time: children that draw for many readers at once would take the services' cores.
+    One asks at a time, and owners take turns: children that draw for many readers at once would take the services' cores.
     """
 
     _kept: OrderedDict[tuple[str, ...], Drawn] = field(default_factory=OrderedDict)
-    _one: asyncio.Lock = field(default_factory=asyncio.Lock)
+    _turns: Turns = field(default_factory=Turns)
 
-    async def of_job(self, job: AnyRow, trials: Sequence[AnyRow]) -> JobGoals:
-        """The goals of trials of a policy's job.
+    async def of_job(self, job: AnyRow, trials: Sequence[AnyRow], reader: str) -> JobGoals:
+        """The goals of trials of a policy's job; ``reader`` is the owner who asks.
 
         Raises:
             Unavailable: the child did not answer.
+            TooMany: too many of the reader's requests wait.
         """
         seeds = [str(row.seed) for row in trials]
-        async with self._one:
+        async with self._turns.of(reader):
             drawn = await self._drawn((job.task, *seeds))
         goals = tuple(_shown(row, *values) for row, values in zip(trials, drawn, strict=True))
         return JobGoals(job_id=job.job_id, task=job.task, goals=goals)

@@ -108,6 +108,12 @@ class Member:
             return False
         return (said.cut_off_trial_id, said.cut_off_fence) == (claim.trial_id, claim.fence)
 
+    def knows_nothing_of(self, claim: Claim, since_s: float, now_s: float) -> bool:
+        """Whether the robot lives, has spoken since then, and did not name this attempt."""
+        if self.state(now_s) == RobotState.LOST or self.is_doubled(now_s) or self.seen_s <= since_s:
+            return False
+        return self.said_claim() != claim
+
     def is_gone(self, now_s: float) -> bool:
         """Whether it may never serve again: lost, or out of service though neither is the API away for it nor its disk full."""
         state, said = self.state(now_s), self.heartbeat

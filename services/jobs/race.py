@@ -3,6 +3,8 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from itertools import count
 
 from api_schemas.anytime import is_decided
 from api_schemas.ladder import LadderEnds
@@ -32,13 +34,16 @@ def race(ended: Sequence[Sequence[bool]], stopped: Sequence[bool], most: int, en
         ends: by which rule rungs are given up.
     """
     given_up: list[int | None] = [None] * len(ended)
+    reached = [0] * len(ended)
     going, goals = list(range(len(ended))), 0
     while goals < most and not _is_known(given_up, ends):
         racing = [rung for rung in going if len(ended[rung]) > goals or not stopped[rung]]
         if not racing or any(len(ended[rung]) <= goals for rung in racing):
             break
+        for rung in racing:
+            reached[rung] |= ended[rung][goals] << goals
         going, goals = racing, goals + 1
-        for rung in _beaten(ended, going, goals, most, ends):
+        for rung in _beaten(reached, going, goals, most, ends):
             given_up[rung] = goals
         going = [rung for rung in going if given_up[rung] is None]
     left = tuple(rung for rung in going if len(ended[rung]) > goals or not stopped[rung])
@@ -50,20 +55,35 @@ def _is_known(given_up: Sequence[int | None], ends: LadderEnds) -> bool:
     return ends is LadderEnds.KNOWN and 0 < len(given_up) - 1 == sum(each is not None for each in given_up)
 
 
-def _beaten(ended: Sequence[Sequence[bool]], going: Sequence[int], goals: int, most: int, ends: LadderEnds) -> Sequence[int]:
+def _beaten(reached: Sequence[int], going: Sequence[int], goals: int, most: int, ends: LadderEnds) -> Sequence[int]:
+    """Who of those that are going is given up now; ``reached`` has for each rung a bit for each goal that it reached."""
+    counts = {rung: reached[rung].bit_count() for rung in going}
     if ends is LadderEnds.HALVING:
-        if goals not in stages(len(ended), most):
+        if goals not in stages(len(reached), most):
             return ()
-        best_first = sorted(going, key=lambda rung: (-sum(ended[rung][:goals]), -rung))  # of equals the later step stays
+        best_first = sorted(going, key=lambda rung: (-counts[rung], -rung))  # of equals the later step stays
         return best_first[math.ceil(len(going) / 2) :]
-    chance = pair_chance(len(ended))
-    return [rung for rung in going if any(_is_better(ended[other], ended[rung], goals, chance) for other in going)]
+    chance = pair_chance(len(reached))
+    lead, best = _least_lead(chance), max(counts.values())
+
+    def is_beaten(rung: int) -> bool:
+        ahead = (other for other in going if counts[other] - counts[rung] >= lead)
+        return any(_is_better(reached[other], reached[rung], chance) for other in ahead)
+
+    return [rung for rung in going if best - counts[rung] >= lead and is_beaten(rung)]
 
 
-def _is_better(one: Sequence[bool], other: Sequence[bool], goals: int, chance: float) -> bool:
-    pairs = list(zip(one[:goals], other[:goals], strict=True))
-    gained, lost = pairs.count((True, False)), pairs.count((False, True))
-    return gained > lost and is_decided(gained, lost, chance)
+@lru_cache
+def _least_lead(chance: float) -> int:
+    """By how many goals a rung that is better is ahead at least: with goals lost, too, the same lead is less evidence.
+
+    Few pairs of many rungs are so far apart, and to weigh each of all pairs after each goal takes seconds.
+    """
+    return next(lead for lead in count(1) if is_decided(lead, 0, chance))
+
+
+def _is_better(one: int, other: int, chance: float) -> bool:
+    return is_decided((one & ~other).bit_count(), (other & ~one).bit_count(), chance)
 
 
 def stages(rungs: int, most: int) -> tuple[int, ...]:

@@ -260,6 +260,12 @@ async def _check_share(tx: AsyncConnection, sender: Sender, *, of: str = "", job
         raise TooMany("queued-trials-quota", detail, LOOK_AGAIN_S, trials_left=left, limit=sender.may_queue_trials)
 
 
+def _overtaken(key: str | None) -> Conflict:
+    if key is None:
+        return Conflict("policy-going", "The policy was deleted at this moment; upload it again.")
+    return Conflict("idempotency-key-in-use", f"Idempotency-Key {key!r} is in use, or the policy was just deleted; ask again.")
+
+
 async def _insert(tx: AsyncConnection, now_s: float, asked: _NewJob, sender: Sender, digest: str) -> str:
     await _check_share(tx, sender, trials=len(asked.trials))
     made = asked.page if asked.page is not None and asked.page < len(asked.trials) else None
@@ -283,9 +289,8 @@ async def _insert(tx: AsyncConnection, now_s: float, asked: _NewJob, sender: Sen
     try:
         number = (await tx.execute(row.returning(job.c.number))).scalar_one()
     except IntegrityError as error:
-        # On a database with several writers another request with this key may have come in between.
-        key = sender.idempotency_key
-        raise Conflict("idempotency-key-in-use", f"Idempotency-Key {key!r} is in use; ask again.") from error
+        # On a database with several writers another request with this key, or the end of the policy, may have come in between.
+        raise _overtaken(sender.idempotency_key) from error
     of = making.OfJob(job_id, number, seed, sender.owner, asked.values.get("priority", NORMAL_RANK))
     state = TrialState.HELD if asked.values.get("judged") else TrialState.QUEUED
     await making.make(tx, of, asked.trials if made is None else asked.trials[:made], state=state, named=asked.values.get("robot"))

@@ -130,15 +130,23 @@ def _due(now_s: float) -> Select[Any, Any]:
     return select(why.c.trial_id, why.c.tries).where(why.c.due_s <= now_s, why.c.state.in_(_OPEN))
 
 
+_SERVED = select(why.c.owner, func.max(why.c.due_s).label("until_s")).where(why.c.tries > 0).group_by(why.c.owner).subquery()
+"""Until when the last question of each owner is held, or was: all are held as long from when they are taken."""
+
+
 async def take(tx: AsyncConnection, now_s: float, held_s: float) -> AnyRow | None:
-    """The question that has waited longest of those that are due, which is then held; with its files and the number of this try.
+    """The next question of those that are due, which is then held; with its files and the number of this try.
+
+    Owners take turns: it is the oldest of the one whose last question was taken the longest ago.
 
     Of questions that were held longer than they may, the process is gone: they are due again, and given up after a few tries.
     """
     gone = why.c.due_s <= now_s, why.c.tries >= MOST_TRIES, why.c.state == WhyState.RUNNING
     problem = f"the farm could not compute it: its process ended {MOST_TRIES} times"
     await tx.execute(update(why).where(*gone).values(state=WhyState.FAILED, problem=problem))
-    next_one = (await tx.execute(_due(now_s).order_by(why.c.asked_s, why.c.trial_id).limit(1))).one_or_none()
+    in_turn = _due(now_s).outerjoin(_SERVED, _SERVED.c.owner == why.c.owner)
+    in_turn = in_turn.order_by(func.coalesce(_SERVED.c.until_s, 0.0), why.c.asked_s, why.c.trial_id)
+    next_one = (await tx.execute(in_turn.limit(1))).one_or_none()
     if next_one is None:
         return None
     held = update(why).where(why.c.trial_id == next_one.trial_id, why.c.tries == next_one.tries, why.c.due_s <= now_s)

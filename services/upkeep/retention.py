@@ -60,10 +60,8 @@ async def tidy(database: Database, files: FileStore, rules: Rules, now_s: float)
         async with database.read() as connection:
             if await _referred_to(connection, [each.sha256]):
                 continue  # somebody has come to need it since
-        found = await files.find(each.sha256)
-        if found is None or found.stored_s != each.stored_s:
+        if not await files.remove_if_unchanged(each):
             continue  # it came again, and its row is still on the way
-        await files.remove(each.sha256)
         removed = Removed(removed.files + 1, removed.bytes + each.size)
     return removed
 

@@ -16,6 +16,7 @@ from tests.unit.report_views.test_text import report as some_report
 from tests.unit.report_views.test_text import trial
 
 ROOT = Path(__file__).resolve().parents[3]
+NOBODY = "http://127.0.0.1:9"
 ENTRY = (sys.executable, "-m", "client_cli")
 
 
@@ -48,6 +49,21 @@ def test_a_full_disk_behind_stdout_is_one_line(farm):
     with Path("/dev/full").open("w") as full:
         ended = _run("report", JOB_ID, "--json", stdout=full)
     assert (ended.returncode, ended.stderr) == (2, "error: cannot use the standard output: No space left on device\n")
+
+
+def test_a_full_disk_behind_stderr_changes_no_exit_code():
+    with Path("/dev/full").open("w") as full:
+        ended = _run("status", stdout=subprocess.PIPE, stderr=full, url=NOBODY)
+    assert (ended.returncode, ended.stdout) == (4, "")
+
+
+@pytest.mark.parametrize("closed", [(1,), (2,), (0, 1, 2)])
+@pytest.mark.parametrize("command", [["status"], ["status", "--json"]], ids=" ".join)
+def test_a_stream_that_the_caller_closed_changes_no_exit_code_either(closed, command):
+    ended = _run(*command, stdout=subprocess.PIPE, url=NOBODY, closed=closed)
+    told = [] if 2 in closed else ["error: no trifarm server answers at"]
+    assert (ended.returncode, [line[:35] for line in ended.stderr.splitlines()]) == (4, [line[:35] for line in told])
+    assert ("exit_code" in ended.stdout) is (1 not in closed and "--json" in command)
 
 
 @pytest.mark.parametrize("command", [["effects"], ["effects", "--json"], ["robots"]], ids=" ".join)
@@ -105,8 +121,13 @@ def test_the_installed_command_begins_where_the_module_does():
     assert "client_cli.entry" in (ROOT / "client_cli" / "__main__.py").read_text()
 
 
-def _run(*arguments, stdout, path=None):
+def _run(*arguments, stdout, path=None, stderr=subprocess.PIPE, url=None, closed=()):
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(str(each) for each in (path, ROOT) if each)}
-    return subprocess.run(
-        [*ENTRY, *arguments], env=environment, stdout=stdout, stderr=subprocess.PIPE, text=True, check=False, timeout=120
-    )
+    environment |= {} if url is None else {"TRIFARM_URL": url}
+    how = {"stdout": stdout, "stderr": stderr, "text": True, "timeout": 120}
+
+    def close():
+        for each in closed:
+            os.close(each)
+
+    return subprocess.run([*ENTRY, *arguments], env=environment, preexec_fn=close if closed else None, check=False, **how)

@@ -36,6 +36,15 @@ async def test_a_given_token_replaces_the_secret_of_its_id(tokens, capsys):
         assert secret not in said.out + said.err
 
 
+async def test_who_only_reads_is_answered_though_nothing_can_be_written(tokens):
+    """As on a full disk: when a token was last used is not worth a refusal."""
+    await tokens.register(OLD, ADMIN)
+    async with tokens.database.write() as tx:
+        full = "CREATE TRIGGER full BEFORE UPDATE ON token BEGIN SELECT RAISE(ABORT, 'database or disk is full'); END"
+        await tx.exec_driver_sql(full)
+    assert (await tokens.caller(OLD)).owner == "operator"
+
+
 async def test_a_given_token_replaces_scopes_and_owner(tokens):
     await tokens.register(OLD, ROBOT)
     await tokens.register(OLD, ADMIN)

@@ -1,5 +1,6 @@
 """Replays are made in a jail: a log that anyone may have made takes no more than its share, and the folder stays small."""
 
+import asyncio
 import json
 import os
 import shutil
@@ -85,6 +86,37 @@ def test_what_is_too_large_or_no_file_is_not_read(short_log, tmp_path, monkeypat
     (tmp_path / "large").write_bytes(bytes(11))
     (tmp_path / "small").write_bytes(bytes(10))
     assert (replays._read(tmp_path / "large"), replays._read(tmp_path / "small")) == (None, bytes(10))
+
+
+async def test_readers_take_turns_and_what_is_kept_waits_for_nobody(tmp_path, monkeypatch):
+    kept, made, goes_on = replays.Replays(tmp_path), [], asyncio.Event()
+
+    async def make(_farm, path, _sources, *_how):
+        made.append(path.name.partition("-")[0])
+        await goes_on.wait()
+        path.write_bytes(b"made")
+
+    monkeypatch.setattr(kept, "_make", make)
+    asked = [asyncio.create_task(kept.images(None, "ann", f"ann{number}")) for number in range(5)]
+    asked.append(asyncio.create_task(kept.images(None, "bob", "bob0")))
+    await asyncio.sleep(0.05)
+    (tmp_path / f"old-images-{replays.FORM}.gz").write_bytes(b"made before")
+    await asyncio.wait_for(kept.images(None, "cid", "old"), 5.0)
+    goes_on.set()
+    await asyncio.gather(*asked)
+    assert made == ["ann0", "bob0", "ann1", "ann2", "ann3", "ann4"]
+
+
+async def test_a_replay_that_another_process_removed_is_made_again_and_never_empty(tmp_path, monkeypatch):
+    kept = replays.Replays(tmp_path)
+
+    async def make(_farm, path, _sources, *_how):
+        path.write_bytes(b"made")
+
+    monkeypatch.setattr(kept, "_make", make)
+    path = await kept.images(None, "ann", "log")
+    path.unlink()
+    assert (await kept.images(None, "ann", "log")).read_bytes() == b"made"
 
 
 def test_the_folder_keeps_what_was_looked_at_last(tmp_path, monkeypatch):

@@ -58,6 +58,7 @@ async def test_what_is_accepted_within_a_moment_is_written_in_one_transaction(da
     await asyncio.gather(*(confirming.confirm(claim, job_id) for claim in claims))
     assert (written.count, told) == (1, [job_id])
     assert await states(database) == [TrialState.RUNNING] * 3
+    assert not confirming._waiting and not confirming._writing, "nothing is kept of jobs for the life of the process"
     await confirming.confirm(claims[0], job_id)
     assert (written.count, told) == (2, [job_id]), "it runs already, which is no change"
 

@@ -8,6 +8,7 @@ from structlog.testing import capture_logs
 from api_schemas.policy import LAYOUTS
 from api_schemas.robot import RobotState
 from api_schemas.trial import TrialState
+from services.database.database import AWAY
 from services.database.tables import attempt, policy, robot, trial
 from services.disk import Disk
 from services.dispatcher import dispatcher as dispatcher_module
@@ -87,6 +88,29 @@ async def test_a_robot_that_goes_while_it_is_offered_a_trial_is_not_at_fault(dat
             await connection.execute(select(attempt.c.state, trial.c.state).join(trial, attempt.c.trial_id == trial.c.trial_id))
         ).one()
     assert found == (ends, TrialState.QUEUED)
+
+
+async def test_a_lease_that_the_database_kept_from_being_offered_ends_without_blame(database, dispatcher):
+    await add_trials(database, [("a",)])
+    now_s = dispatcher.clock.now_s()
+    async with database.write() as tx:
+        await tx.execute(insert(robot).values(robot="a", drain=False, first_seen_at="now"))
+        row, _ = await find_trial(tx, "a", dispatcher.fleet.seen(now_s))
+        claim = await leased_to(
+            tx, now_s - dispatcher.settings.lease_s, row, "a", departure=None, lease_s=dispatcher.settings.lease_s
+        )
+        await tx.exec_driver_sql("ALTER TABLE policy RENAME TO gone")
+    dispatcher.bus = Unanswered()
+    dispatcher.fleet.leased(claim, now_s)
+    with pytest.raises(AWAY):
+        await dispatcher._offer(claim, row)
+    async with database.write() as tx:
+        await tx.exec_driver_sql("ALTER TABLE gone RENAME TO policy")
+    dispatcher.fleet.heard(beat("a"), now_s)
+    await dispatcher._look(look_at_active=True, leads=True)
+    async with database.read() as connection:
+        assert (await connection.execute(select(trial.c.state, trial.c.faults))).one() == (TrialState.QUEUED, 0)
+        assert (await connection.execute(select(robot.c.faults_in_a_row))).scalar_one() == 0
 
 
 async def test_only_so_many_manifests_are_kept_in_memory(database, dispatcher, monkeypatch):

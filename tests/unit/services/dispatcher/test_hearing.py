@@ -9,7 +9,7 @@ from structlog.testing import capture_logs
 
 from api_schemas.bus import Heartbeat
 from api_schemas.robot import RobotState
-from services.database.tables import robot
+from services.database.tables import attempt, robot, trial
 from services.dispatcher.hearing import GATHER_S, NAMED, Hearing
 from services.dispatcher.overdue import LeaseEnder
 from services.dispatcher.steps import Steps
@@ -152,4 +152,7 @@ async def test_a_lease_whose_offer_was_lost_with_the_last_services_ends_at_once(
     await heard.all_done()
     async with heard.database.read() as connection:
         assert await robots.held_by(connection, ["robot-0"]) == {}
+        assert (await connection.execute(select(trial.c.faults))).scalars().all() == [0, 0], "nobody is to blame"
+        assert (await connection.execute(select(robot.c.faults_in_a_row))).scalar_one() == 0
+        assert "before they offered it" in (await connection.execute(select(attempt.c.reason))).scalar_one()
     assert heard.ready() == ("robot-0",)

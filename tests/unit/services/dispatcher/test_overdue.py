@@ -6,6 +6,7 @@ from sqlalchemy import select
 from api_schemas.excitation import IdentificationRequest
 from api_schemas.robot import RobotState
 from services.database.tables import attempt, job, robot, trial
+from services.dispatcher import queue
 from services.dispatcher.overdue import LeaseEnder
 from services.jobs import robots
 from services.jobs.completion import OUTAGES
@@ -101,6 +102,25 @@ async def test_a_robot_that_died_counts_whatever_it_last_said(lapses, how):
             lapses.says(claim, instance)
     await lapses.ender.end(claim, "the lease of b was not renewed in time")
     assert (await lapses.counted())[:2] == (1, 1)
+
+
+@pytest.mark.parametrize("heard", ["nothing of it", "that it has it", "nothing at all"])
+async def test_a_lease_that_was_never_offered_blames_nobody(lapses, heard):
+    """The database restarts between the lease and its offer: the robot lives, was asked nothing and has done nothing wrong."""
+    claim = await take(lapses.database, "b", lapses.fleet)
+    async with lapses.database.read() as connection:
+        (row,) = await queue.active(connection)
+    lapses.clock.at_s = row.lease_until_s
+    if heard != "nothing at all":
+        named = {"trial_id": claim.trial_id, "fence": claim.fence} if heard == "that it has it" else {}
+        lapses.fleet.heard(beat("b").model_copy(update=named), lapses.clock.at_s)
+    never = lapses.ender.was_never_offered(row, lapses.clock.at_s)
+    reason = lapses.ender.why_overdue(row, lapses.clock.at_s)
+    await lapses.ender.end(claim, reason, never_offered=never)
+    counted = await lapses.counted()
+    assert never is (heard == "nothing of it")
+    assert counted[:3] == ((0, 0, "running") if never else (1, 1, "running"))
+    assert ("before they offered it" in counted[3]) is never
 
 
 async def test_a_robot_that_waits_for_the_api_is_not_gone_for_good(fleet_of):

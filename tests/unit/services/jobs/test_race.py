@@ -1,9 +1,13 @@
 """Rungs are given up by what their trials say goal by goal, whenever somebody looks; equal ones seldom are."""
 
+import time
+
 import numpy as np
 import pytest
 
+from api_schemas.anytime import is_decided
 from api_schemas.ladder import LadderEnds
+from api_schemas.letters import pair_chance
 from services.jobs.race import race, stages
 
 KNOWN, HALVING = LadderEnds.KNOWN, LadderEnds.HALVING
@@ -63,3 +67,34 @@ def test_cancelled_rungs_hold_nobody_up_and_make_nobody_the_best():
     assert (now.goals, now.is_over, now.given_up) == (10, True, (None, None, None))
     assert race([[], []], [True, True], 10, KNOWN).is_over
     assert race([[]], [False], 10, HALVING).going == (0,)
+
+
+def first_beaten(outcomes, most):
+    """After how many goals each rung is first beaten by one that still goes on, with all pairs counted anew after each."""
+    given_up, chance = [None] * len(outcomes), pair_chance(len(outcomes))
+    for goals in range(1, most + 1):
+        going = [rung for rung, at in enumerate(given_up) if at is None]
+        if len(going) == 1:
+            break
+        for rung in going:
+            changed = [(outcomes[other, :goals] > outcomes[rung, :goals]).sum() for other in going]
+            lost = [(outcomes[other, :goals] < outcomes[rung, :goals]).sum() for other in going]
+            if any(plus > minus and is_decided(int(plus), int(minus), chance) for plus, minus in zip(changed, lost, strict=True)):
+                given_up[rung] = goals
+    return tuple(given_up)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_rungs_are_given_up_as_if_all_pairs_were_counted(seed):
+    rates = np.random.default_rng(seed).random(8)
+    outcomes = whole(rates, 60, 70 + seed)
+    assert race(outcomes.tolist(), [False] * 8, 60, KNOWN).given_up == first_beaten(outcomes, 60)
+
+
+@pytest.mark.parametrize(("rungs", "most"), [(100, 100), (10, 1000)])
+def test_the_largest_races_are_looked_at_in_a_moment(rungs, most):
+    """They are looked at after every event of their jobs, in a transaction of the dispatcher's."""
+    outcomes = whole([0.5] * rungs, most, 2).tolist()
+    began_s = time.process_time()
+    race(outcomes, [False] * rungs, most, KNOWN)
+    assert time.process_time() - began_s < 0.6

@@ -3,13 +3,14 @@
 import hashlib
 
 import pytest
-from sqlalchemy import insert, select
+from sqlalchemy import delete, insert, select
 
 from api_schemas.job import JobRequest
 from api_schemas.policy import LAYOUTS, canonical_json
 from services.database.tables import job, policy
 from services.errors import Conflict, Refused
 from services.jobs.submission import Sender, submit
+from services.policies import owners
 
 DIGEST = "d" * 64
 POLICY = {"digest": DIGEST, "name": "p", "weights_format": "onnx", "weights_sha256": DIGEST, "weights_bytes": 1}
@@ -28,6 +29,26 @@ async def send(database, **more):
     async with database.write() as tx:
         request = JobRequest.model_validate({"policy": DIGEST, "task": "push", "trials": 4, "seed": 1} | more)
         return await submit(tx, 1000.0, request, Sender("ann", "key"))
+
+
+@pytest.mark.parametrize("new_database", ["postgres"], indirect=True)  # SQLite has one writer
+@pytest.mark.parametrize(
+    ("key", "says"), [(None, "policy was deleted at this moment"), ("key", "'key' is in use, or the policy")]
+)
+async def test_a_policy_that_is_deleted_while_a_job_of_it_comes_in_is_said(database, monkeypatch, key, says):
+    find = owners.find
+
+    async def found(tx, *named):
+        was = await find(tx, *named)
+        async with database.write() as other:
+            await other.execute(delete(policy))
+        return was
+
+    monkeypatch.setattr(owners, "find", found)
+    request = JobRequest.model_validate({"policy": DIGEST, "task": "push", "trials": 4})
+    with pytest.raises(Conflict, match=says):
+        async with database.write() as tx:
+            await submit(tx, 1000.0, request, Sender("ann", key))
 
 
 @pytest.mark.parametrize("more", [{}, {"object": "cube"}, {"object_scale": 1}, {"priority": "normal"}, {"images": False}])

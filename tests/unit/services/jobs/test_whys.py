@@ -3,7 +3,7 @@
 import json
 
 import pytest
-from sqlalchemy import insert
+from sqlalchemy import insert, update
 
 from api_schemas.trial import TrialState
 from api_schemas.why import Why, WhyGroup, WhyState, WhyVerdict
@@ -83,6 +83,21 @@ async def test_what_an_operator_asked_is_not_shown_to_the_owner(database):
         assert row is not None
         with pytest.raises(NotFound, match="Nobody has asked"):
             await whys.show(connection, row, BUDGET, as_operator=False)
+
+
+async def test_owners_take_turns_however_many_questions_one_has(database):
+    """Each takes minutes: whoever asks one question must not wait for all of another's."""
+    async with database.write() as tx:
+        await tx.execute(update(trial).where(trial.c.ordinal == 3).values(owner="later"))
+    for number in (0, 1, 2, 3):
+        await ask(database, number, as_operator=True)
+    taken = []
+    for turn in range(4):
+        async with database.write() as tx:
+            row = await whys.take(tx, NOW_S + turn, held_s=60.0)
+            taken.append(row.trial_id)
+            await whys.answer(tx, row.trial_id, FOUND, None)
+    assert taken == ["j1-000", "j1-003", "j1-001", "j1-002"]
 
 
 @pytest.mark.parametrize(("number", "slug"), [(4, "nothing-to-explain"), (5, "truth-gone")])

@@ -106,6 +106,22 @@ async def test_what_comes_again_while_it_is_to_go_is_kept_though_its_row_is_stil
     assert await left(files, {"graph": sha256}) == {"graph"}
 
 
+async def test_what_comes_again_between_the_last_look_and_the_removal_is_there_afterwards(new_database, files, monkeypatch):
+    sha256, find, coming = await put(files, "graph"), files.find, []
+
+    async def found(name):
+        was = await find(name)
+        if not coming:
+            coming.append(asyncio.create_task(put(files, "graph")))
+            await asyncio.wait(coming, timeout=0.5)
+        return was
+
+    monkeypatch.setattr(files, "find", found)
+    await tidy(new_database, files, Rules(days=9, size=None), time.time() + LATER_S)
+    await asyncio.gather(*coming)
+    assert await left(files, {"graph": sha256}) == {"graph"}
+
+
 def test_the_oldest_go_until_the_rest_is_small_enough():
     kept = [Kept(name, 10, stored_s) for name, stored_s in (("new", 3 * DAY_S), ("old", 1 * DAY_S), ("middle", 2 * DAY_S))]
 

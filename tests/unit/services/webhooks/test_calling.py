@@ -176,7 +176,7 @@ async def test_slow_name_servers_hold_up_nothing_else(monkeypatch):
     monkeypatch.setattr(socket, "getaddrinfo", slow)
     resolver = Resolver()
     try:
-        asking = [asyncio.create_task(resolver(f"{number}.example", 443)) for number in range(40)]
+        asking = [asyncio.create_task(resolver(f"{number}.example", 443)) for number in range(ASKED_AT_ONCE + 10)]
         await asyncio.to_thread(until, lambda: len(resolving()) >= ASKED_AT_ONCE, PATIENCE_S, "threads that ask")
         await asyncio.sleep(0.1)
         assert len(resolving()) == ASKED_AT_ONCE and all(each.daemon for each in resolving())
@@ -184,4 +184,26 @@ async def test_slow_name_servers_hold_up_nothing_else(monkeypatch):
         asking[0].cancel()
     finally:
         answered.set()
-    assert await asyncio.wait_for(asyncio.gather(*asking[1:]), 120) == [[]] * 39
+    assert await asyncio.wait_for(asyncio.gather(*asking[1:]), 120) == [[]] * (ASKED_AT_ONCE + 9)
+
+
+async def test_what_calls_left_behind_at_slow_name_servers_keeps_no_other_call_waiting(monkeypatch):
+    """Eight calls at once of 10 s each, whose hosts are answered for after a minute: what anybody can have the farm ask for."""
+    answered, ask = threading.Event(), socket.getaddrinfo
+
+    def slow(host, *asked, **more):
+        if host.startswith("slow"):
+            answered.wait(300)
+            return []
+        return ask("127.0.0.1", *asked, **more)
+
+    monkeypatch.setattr(socket, "getaddrinfo", slow)
+    resolver = Resolver()
+    try:
+        left = [asyncio.create_task(resolver(f"slow{number}.example", 443)) for number in range(8 * 60 // 10)]
+        await asyncio.sleep(0)
+        for each in left:
+            each.cancel()
+        assert await asyncio.wait_for(resolver("quick.example", 443), PATIENCE_S) == ["127.0.0.1"]
+    finally:
+        answered.set()
