@@ -87,9 +87,11 @@ def verdict_of_rollouts(
     unknown = (
         [f"where the rest comes from: {said}"] if kind is VerdictKind.NAMED and not problem.is_near_noise(selection.fit) else []
     )
-    unknown += _few_windows(selection.fit, names, is_slide, far_rad) if kind is VerdictKind.NAMED else []
-    is_few = kind is VerdictKind.UNEXPLAINED and is_healthy_but_for_few
-    look = _where_few(study, selection, healthy) if is_few else ()
+    is_right, right_rad = kind is VerdictKind.NOTHING_WRONG, healthy.far_for(selection.nominal)
+    fit, limit_rad = (selection.nominal, right_rad) if is_right else (selection.fit, far_rad)
+    few = _few_windows(fit, names, is_slide, limit_rad) if is_right or kind is VerdictKind.NAMED else []
+    is_few = (is_right and few) or (kind is VerdictKind.UNEXPLAINED and is_healthy_but_for_few)
+    look = _where_few(study, selection, right_rad) if is_few else ()
     return Verdict(
         verdict=kind,
         summary=summary,
@@ -98,7 +100,7 @@ def verdict_of_rollouts(
         held_out=_gained(selection),
         runner_up=min(rivals, key=lambda rival: rival.behind, default=None),
         rejected=tuple(sorted(rivals, key=lambda rival: rival.behind)),
-        cannot_tell=(*unknown, *products_of(study, causes), *_UNSEEN),
+        cannot_tell=(*unknown, *few, *products_of(study, causes), *_UNSEEN),
         record_next=look or _next(kind, [rival for _, rival, _, _ in near]),
         effects=tuple(effects_judged(selection, kind, causes, [rival for _, rival, _, _ in near])),
     )
@@ -111,11 +113,14 @@ def _next(kind: VerdictKind, near: Sequence[Rival]) -> tuple[str, ...]:
     return ("each joint slowly and fast, unloaded and loaded",) if kind is VerdictKind.UNEXPLAINED else ()
 
 
-def _where_few(study: JointStudy, selection: RolloutSelection, healthy: HealthyLimits) -> tuple[str, ...]:
-    """When the windows begin, of the joint that is furthest beyond its limit, that are off where most are not."""
+def _where_few(study: JointStudy, selection: RolloutSelection, limit_rad: np.ndarray) -> tuple[str, ...]:
+    """When the windows begin, of the joint that is furthest beyond its limit, that are off where most are not.
+
+    That joint is the one whose far windows are; where no far window is, the one whose furthest is.
+    """
     problem, fit = selection.problem, selection.nominal
-    limit_rad = healthy.far_for(fit)
-    worst, past = int(np.argmax(fit.far_rad / limit_rad)), problem.windows.past
+    off_rad = fit.far_rad if (fit.far_rad > limit_rad).any() else np.sqrt(fit.squares.max(axis=0))
+    worst, past = int(np.argmax(off_rad / limit_rad)), problem.windows.past
     if past is None:
         return ()
     rows = np.flatnonzero(np.sqrt(fit.squares[:, worst]) > limit_rad[worst])[:_MOST_TOLD]
