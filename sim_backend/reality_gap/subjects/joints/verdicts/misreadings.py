@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from sim_backend.reality_gap.knowledge.joint_effects import COULOMB_FRICTION, VISCOUS_FRICTION
 from sim_backend.reality_gap.subjects.joints.laws.state import JointState
 from sim_backend.reality_gap.subjects.joints.rollouts.open_loop import Losses, Motion, Rollouts, windows_of
 from sim_backend.reality_gap.subjects.joints.torques.counted_rows import near_end
@@ -79,11 +80,16 @@ class Misreading:
 
 @dataclass(frozen=True)
 class _Told:
-    """One episode as it is told: torques given and needed, shapes (t, k), N m."""
+    """One episode as it is told: torques given and needed, shapes (t, k), N m.
+
+    What is needed has the friction that the model has: ``coulomb_nm`` and ``damping_nm_s_rad``, shapes (k,).
+    """
 
     episode: EpisodeEquations
     given: np.ndarray
     needed: np.ndarray
+    coulomb_nm: np.ndarray
+    damping_nm_s_rad: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -147,6 +153,8 @@ def _rollout_errors(data: Sequence[_Told], reading: Reading) -> np.ndarray:
             _, (coulomb[j], damping[j], offset[j]) = _rms_left(
                 reading.torques[j] * of_joint.given - of_joint.needed, of_joint.free
             )
+    coulomb += np.sign(reading.positions) * data[0].coulomb_nm  # beside what was needed as the positions are told
+    damping += data[0].damping_nm_s_rad / (reading.positions * reading.pace)
     losses = Losses(np.maximum(coulomb, 0.0), np.maximum(damping, 0.0), -offset)
     motions, starts = zip(*(_motion(told, reading) for told in data), strict=True)
     many = max(1, round(sum(map(len, starts)) / _MOST_WINDOWS))
@@ -243,7 +251,10 @@ def _with_torques(
 
 
 def _of_units(factors: dict[int, float], names: Sequence[str]) -> str:
+    """Of joints whose torques are in other units: all in one sentence where the factors are alike, else each by itself."""
     sizes = [abs(factor) for factor in factors.values()]
+    if max(sizes) > _NEAR_UNIT**2 * min(sizes):
+        return " and ".join(_of_units({j: factor}, names) for j, factor in factors.items())
     middle = float(np.sqrt(min(sizes) * max(sizes)))
     who, sign = listed([names[j] for j in factors]), " and have the opposite sign" if min(factors.values()) < 0.0 else ""
     at = next((at for at in _UNIT_NAMES if 1.0 / _NEAR_UNIT < middle / at < _NEAR_UNIT), None)
@@ -301,7 +312,8 @@ def _other_paces(data: Sequence[_Told], told: Sequence[_Rows]) -> Iterator[Misre
 
 def _told(episode: EpisodeEquations, start: JointState) -> _Told:
     given = episode.path.smoothed(episode.acting_nm).T
-    return _Told(episode, given, given - episode.torque_error(start))
+    needed = given - episode.torque_error(start)
+    return _Told(episode, given, needed, start.value(COULOMB_FRICTION), start.value(VISCOUS_FRICTION))
 
 
 def _all_rows(
