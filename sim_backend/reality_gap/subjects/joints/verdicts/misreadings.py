@@ -44,6 +44,7 @@ _POSITION_UNITS = {
     180.0 / np.pi: "are in rad, not in degrees",
     2.0 * np.pi: "are in turns, not in rad",
 }
+_SLIDE_UNITS = {1e-3: "are in mm, not in m", 1e-2: "are in cm, not in m", 1e3: "are in m, not in mm", 1e2: "are in m, not in cm"}
 
 
 @dataclass(frozen=True)
@@ -200,11 +201,14 @@ def _is_far_better(found: Misreading, told: np.ndarray, limit: np.ndarray) -> bo
 
 def _other_positions(data: Sequence[_Told], names: Sequence[str]) -> Iterator[Misreading]:
     """Signs and units of the positions, one joint or all of them, and what the torques then have to be."""
-    k = len(names)
-    choices = [(j,) for j in range(k)] + ([tuple(range(k))] if k > 1 else [])
+    k, is_slide = len(names), data[0].episode.plant.is_slide
+    alike = [tuple(np.flatnonzero(each).tolist()) for each in (np.ones(k, bool), ~is_slide, is_slide)]
+    choices = [(j,) for j in range(k)] + list(dict.fromkeys(joints for joints in alike if len(joints) > 1))
     for joints in choices:
-        who = listed([names[j] for j in joints])
-        for factor, said in {-1.0: "count the other way round", **_POSITION_UNITS}.items():
+        who, kinds = listed([names[j] for j in joints]), {bool(is_slide[j]) for j in joints}
+        units = (_SLIDE_UNITS if kinds == {True} else _POSITION_UNITS) if len(kinds) == 1 else {}
+        signs = {-1.0: "count the other way round"} if len(joints) in (1, k) else {}
+        for factor, said in {**signs, **units}.items():
             by = np.ones(k)
             by[list(joints)] = factor
             check = f"the sign of {who}" if factor < 0.0 else f"position_unit of {who}"

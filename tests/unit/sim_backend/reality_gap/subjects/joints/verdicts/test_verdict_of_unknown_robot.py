@@ -142,8 +142,8 @@ def test_what_only_a_known_robot_shows_is_never_named():
     assert any("measured torque" in sentence for sentence in verdict.cannot_tell)
 
 
-def cart_pole(cart_n: float, size_m: float) -> Verdict:
-    """Of a cart that a force drives, some of which is lost to friction, and a pole that nothing drives."""
+def cart_pole(cart_n: float, size_m: float, told: float = 1.0) -> Verdict:
+    """Of a cart that a force drives, some of which is lost to friction, and a pole that nothing drives; ``told`` for each m."""
     model = mujoco.MjModel.from_xml_string(
         '<mujoco><worldbody><body><joint name="cart" type="slide" axis="1 0 0"/><geom size=".05" mass="1" contype="0"/><body>'
         '<joint name="pole" axis="0 1 0"/><geom type="capsule" fromto="0 0 0 0 0 -.3" size=".01" mass=".2" contype="0"/></body>'
@@ -159,6 +159,7 @@ def cart_pole(cart_n: float, size_m: float) -> Verdict:
         mujoco.mj_step(model, data)
     model.dof_frictionloss[0] = 0.0
     position += 1e-5 * rng.standard_normal(position.shape)
+    position[:, 0] *= told
     joints = JointSignals(("cart", "pole"), position, commanded_torque_nm=force)
     slides, run = Slides.of(model, joints.names), Recording("run", "run.csv", STEP_S, time_s, joints)
     study = study_joints(slides.model_as_hinges(model), [slides.as_hinges(run)], lambda *_: None, robot=UnknownRobot())
@@ -169,3 +170,10 @@ def test_what_is_left_at_a_slide_is_told_in_newtons_and_its_speed_in_metres():
     fast, slow = cart_pole(0.8, 0.05), cart_pole(0.0, 0.002)
     assert any(" N come from that the causes leave at cart" in said for said in fast.cannot_tell) or " N at cart" in fast.summary
     assert "anything that needs speed about cart: slower than 0.03 m/s all the time" in slow.cannot_tell
+
+
+@pytest.mark.parametrize(("told", "unit"), [(1e3, "mm"), (1e2, "cm")])
+def test_a_slide_that_is_read_in_another_unit_is_said(told, unit):
+    verdict = cart_pole(0.1, 0.05, told)
+    assert verdict.verdict is VerdictKind.UNEXPLAINED
+    assert verdict.misreads == f"the positions of cart are in {unit}, not in m"
