@@ -11,7 +11,9 @@ from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import Rollout
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_questions import would_move_nats
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_search import GATE
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_selection import RolloutSelection
+from sim_backend.reality_gap.subjects.joints.rollouts.rollout_trials import settled
 from sim_backend.reality_gap.subjects.joints.slides import told_distance
+from sim_backend.reality_gap.subjects.joints.verdicts.misreadings import listed
 from sim_backend.reality_gap.subjects.joints.verdicts.rollout_causes import causes_of, covering, extended_causes, products_of
 from sim_backend.reality_gap.subjects.joints.verdicts.rollout_effects import effects_judged
 from sim_backend.reality_gap.subjects.joints.verdicts.rollout_rivals import is_ahead, is_near, rivals_of
@@ -19,6 +21,8 @@ from sim_backend.reality_gap.verdict import Cause, HeldOut, Rival, Verdict, Verd
 
 _MOST_TOLD = 5
 """Windows of which it is told when they begin."""
+_LEAST_OF_RECORDING = 5
+"""Windows of a recording of which it is told whether the model goes where the robot went there."""
 _UNSEEN = (
     "noise and filters of sensors, ends of joints: rollouts compare positions between them",
     "whether all torques and all masses are off by the same share: no motion shows it",
@@ -87,6 +91,7 @@ def verdict_of_rollouts(
     unknown = (
         [f"where the rest comes from: {said}"] if kind is VerdictKind.NAMED and not problem.is_near_noise(selection.fit) else []
     )
+    unknown += _recordings_apart(study, selection, healthy.usual_rad) if kind is VerdictKind.UNEXPLAINED else []
     is_right, right_rad = kind is VerdictKind.NOTHING_WRONG, healthy.far_for(selection.nominal)
     fit, limit_rad = (selection.nominal, right_rad) if is_right else (selection.fit, far_rad)
     few = _few_windows(fit, names, is_slide, limit_rad) if is_right or kind is VerdictKind.NAMED else []
@@ -111,6 +116,21 @@ def _next(kind: VerdictKind, near: Sequence[Rival]) -> tuple[str, ...]:
     if kind is VerdictKind.CONFUSABLE:
         return tuple(dict.fromkeys(rival.separated_by for rival in near))
     return ("each joint slowly and fast, unloaded and loaded",) if kind is VerdictKind.UNEXPLAINED else ()
+
+
+def _recordings_apart(study: JointStudy, selection: RolloutSelection, limit_rad: np.ndarray) -> list[str]:
+    """What is another in some recordings, where in others the model goes where the robot went, fitted to each alone."""
+    problem, right, wrong = selection.problem, list[str](), list[str]()
+    for owner, episode in enumerate(study.problem.episodes):
+        rows = np.flatnonzero(problem.windows.owner == owner)
+        if len(rows) >= _LEAST_OF_RECORDING:
+            alone = problem.part(rows)
+            is_right = bool((settled(alone, alone.fitted(alone.start, ())).usual_rad <= limit_rad).all())
+            (right if is_right else wrong).append(episode.path.recording.name)
+    if not (right and wrong):
+        return []
+    others, those = (f"{listed(each[:_MOST_TOLD])}{' and others' if each[_MOST_TOLD:] else ''}" for each in (wrong, right))
+    return [f"what is another in {others}, such as a load or the rig: in {those} the model goes where the robot went"]
 
 
 def _where_few(study: JointStudy, selection: RolloutSelection, limit_rad: np.ndarray) -> tuple[str, ...]:

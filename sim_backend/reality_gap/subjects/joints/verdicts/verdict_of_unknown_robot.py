@@ -265,7 +265,7 @@ def _not_identifiable(study: JointStudy, verdict: Verdict, summary: str) -> Verd
     record_next = "every joint over its range, slowly and fast, for ten seconds or more; 'trifarm gap excite' says how"
     if at_ends := mostly_at_ends(study.problem.episodes, study.problem.names):
         record_next = (
-            f"nothing yet: check the range of {listed(at_ends)} in the MJCF, whose angles are degrees unless its compiler says "
-            "radian, and position_unit and zero in study.toml"
+            f"nothing yet: check the range of {listed(at_ends)} in the MJCF (in degrees unless its compiler says radian), "
+            "and position_unit and zero in study.toml"
         )
     return replace(verdict, verdict=VerdictKind.NOT_IDENTIFIABLE, summary=summary, record_next=(record_next,))

@@ -2,6 +2,7 @@
 
 from types import SimpleNamespace
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -88,3 +89,16 @@ def test_what_happened_in_fewer_windows_than_one_of_ten_is_told_beside_a_model_t
     (look,) = verdict.record_next
     assert look.startswith("look at what happened at hinge in swing 1 from ") and ", swing 2 from " in look
     assert study_of("", seconds=6.0).record_next == ()
+
+
+def test_what_is_another_in_one_of_two_recordings_is_told(monkeypatch):
+    """The second one was made with a payload that swings behind the arm, of which nothing was said."""
+    loaded = mujoco.MjModel.from_xml_string(pendulum.PENDULUM.format(more="").replace('pos="0 0 -0.15"', 'pos="0.06 0 -0.1"'))
+    plain = pendulum.recorded
+    monkeypatch.setattr(
+        pendulum, "recorded", lambda model, target, *, seed: plain(loaded if seed == 2 else model, target, seed=seed)
+    )
+    verdict = study_of("", seconds=8.0)
+    assert verdict.verdict is VerdictKind.UNEXPLAINED, verdict.summary
+    told = "what is another in swing 2, such as a load or the rig: in swing 1 the model goes where the robot went"
+    assert told in verdict.cannot_tell
