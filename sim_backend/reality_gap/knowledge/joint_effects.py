@@ -126,9 +126,11 @@ def _sent(number: Number) -> JointEffect:
     return JointEffect(Channel.CONTROLLER, (number,), of_the_driver=True, in_commands=True)
 
 
+COULOMB_FRICTION, VISCOUS_FRICTION = "coulomb_friction.torque_nm", "viscous_friction.damping_nm_s_rad"
+"""What MJCF has of joints' friction, too."""
 _ENTRIES = (
-    _at(Channel.MECHANICS, Number("coulomb_friction.torque_nm", 0.05, model_field="dof_frictionloss", tolerated_as="friction")),
-    _at(Channel.MECHANICS, Number("viscous_friction.damping_nm_s_rad", 0.02, model_field="dof_damping", tolerated_as="friction")),
+    _at(Channel.MECHANICS, Number(COULOMB_FRICTION, 0.05, model_field="dof_frictionloss", tolerated_as="friction")),
+    _at(Channel.MECHANICS, Number(VISCOUS_FRICTION, 0.02, model_field="dof_damping", tolerated_as="friction")),
     _at(
         Channel.MECHANICS,
         Number(

@@ -74,7 +74,7 @@ def _archive(path: Path, wanted: Sequence[str] | None) -> dict[str, np.ndarray]:
                 return arrays
     except RecordingError:
         raise
-    except (OSError, EOFError, ValueError, zipfile.BadZipFile, zlib.error) as error:
+    except (OSError, EOFError, ValueError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:  # runtime: it is encrypted
         place = "" if name is None else f", column {name!r}"
         raise RecordingError(f"{path}{place}: cannot be read as npz ({_first_line(error)})") from error
 
@@ -99,8 +99,7 @@ def _as_numbers(table: DataTable, name: str, values: np.ndarray) -> np.ndarray:
     if values.ndim not in {1, 2}:
         raise table.refusal(f"the array has {values.ndim} dimensions, shape {values.shape}; it must have 1 or 2", name)
     if values.dtype.kind == "M":
-        numbers = (values - values[0]).astype("timedelta64[ns]").astype(float) * 1e-9 if len(values) else np.empty(0)
-        return np.where(np.isnat(values), np.nan, numbers)
+        return values.astype("datetime64[ns]")
     if values.dtype.kind not in "fiub":
         raise table.refusal(*_text_row(values, name))
     numbers = np.asarray(values, dtype=float)

@@ -3,9 +3,11 @@
 import csv
 import gzip
 import io
+import re
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +19,8 @@ from sim_backend.reality_gap.recording import RecordingError
 
 _MISSING = ["", "NaN", "nan", "NAN", "-nan", "-NaN", "NA", "N/A", "n/a", "#N/A", "null", "NULL", "None", "none", "-", "--"]
 _COMMENT = "#"
+_CLOCK = re.compile(r"\d+[:/.-]\d+[:/.-]\d")
+"""What looks like a time of day, or like a date that is written in another order."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +100,8 @@ def _numbers(table: DataTable, text: _Text, names: Sequence[str]) -> dict[str, n
     except pa.ArrowInvalid:
         columns = {name: _converted(table, text, name) for name in names}
     for name, values in columns.items():
-        refuse_infinite(table, name, values)
+        if values.dtype.kind != "M":
+            refuse_infinite(table, name, values)
     return columns
 
 
@@ -118,18 +123,46 @@ def _read(text: _Text, names: Sequence[str], kind: pa.DataType) -> dict[str, np.
 
 
 def _converted(table: DataTable, text: _Text, name: str) -> np.ndarray:
-    """The slow way, cell by cell, that finds the row of what is no number."""
-    cells = _text(text, name)
+    """The slow way, cell by cell, that finds the row of what is no number; a column whose first cell is a date holds dates."""
+    cells = [cell.strip() for cell in _text(text, name)]
+    if _date(next((cell for cell in cells if cell not in _MISSING), "")) is not None:
+        return _dates(table, cells, name)
     values = np.full(len(cells), np.nan)
     for row, cell in enumerate(cells):
-        stripped = cell.strip()
-        if stripped in _MISSING:
+        if cell in _MISSING:
             continue
         try:
-            values[row] = float(stripped.replace(text.decimal_point, ".").replace("_", "no digit"))
+            values[row] = float(cell.replace(text.decimal_point, ".").replace("_", "no digit"))
         except ValueError:
-            raise table.refusal(f"{stripped[:40]!r} is not a number", name, row) from None
+            instead = "; times are numbers, or dates such as 2026-11-30 09:15:00.123" if _CLOCK.match(cell) else ""
+            raise table.refusal(f"{cell[:40]!r} is not a number{instead}", name, row) from None
     return values
+
+
+def _dates(table: DataTable, cells: Sequence[str], name: str) -> np.ndarray:
+    """Dates of one clock, shape (rows,); NaT where a cell is empty."""
+    values = np.full(len(cells), np.datetime64("NaT", "ns"))
+    for row, cell in enumerate(cells):
+        if cell in _MISSING:
+            continue
+        values[row] = date = _date(cell)
+        if date is None:
+            raise table.refusal(f"{cell[:40]!r} is no date such as {cells[0][:40]!r}", name, row)
+    return values
+
+
+def _date(cell: str) -> np.datetime64 | None:
+    """A date and time of day as ISO 8601 writes them, without a zone or in UTC; None if it is none."""
+    try:
+        float(cell)
+    except ValueError:
+        try:
+            date = datetime.fromisoformat(cell)
+        except ValueError:
+            return None
+        date = date if date.tzinfo is None else date.astimezone(UTC).replace(tzinfo=None)
+        return np.datetime64(date, "ns")
+    return None
 
 
 def _text(text: _Text, name: str) -> np.ndarray:

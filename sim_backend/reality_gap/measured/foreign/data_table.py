@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sim_backend.reality_gap.measured.foreign.measurement_units import header_parts
+from sim_backend.reality_gap.measured.foreign.measurement_units import Quantity, chosen_factor, header_parts
 from sim_backend.reality_gap.measured.foreign.naming import listed, nearest
 from sim_backend.reality_gap.recording import RecordingError
 
@@ -22,7 +22,8 @@ class DataTable:
         path: of the file.
         names: of the columns, stripped.
         first_row: number of the first sample's row: 2 in a CSV file, whose header is line 1, otherwise 1.
-        read_numbers: columns by name as numbers, shapes (rows,) or (rows, k), NaN where a cell is empty.
+        read_numbers: columns by name as numbers, shapes (rows,) or (rows, k), NaN where a cell is empty; as datetime64 where a
+            column holds dates, NaT where a cell is empty.
         read_labels: one column as text, shape (rows,).
     """
 
@@ -81,6 +82,33 @@ def column_of(table: DataTable, numbers: dict[str, np.ndarray], address: Address
         shape = "has one dimension" if values.ndim == 1 else f"has columns 0 to {values.shape[1] - 1}"
         raise table.refusal(f"{key} asks for column {address.column} of it, but it {shape}", address.name)
     return values[:, address.column]
+
+
+def in_si_units(
+    table: DataTable, values: np.ndarray, stated: str | float | None, address: Address, quantity: Quantity, key: str
+) -> np.ndarray:
+    """Numbers of a column in SI units; dates as seconds since 1970, so that all columns of dates are of one clock.
+
+    Args:
+        table: that they come from.
+        values: of the column, any shape.
+        stated: the unit that study.toml names, if any.
+        address: of the column.
+        quantity: what it holds.
+        key: its place in study.toml.
+
+    Raises:
+        RecordingError: a unit that is none, or dates that are no time or have a unit.
+    """
+    if values.dtype.kind != "M":
+        where = f"{table.path}, column {address.name!r} for {key}"
+        return values * chosen_factor(stated, address.unit, quantity, where)
+    if quantity is not Quantity.TIME:
+        raise table.refusal(f"holds dates, and {key} needs numbers", address.name)
+    if stated is not None:
+        raise table.refusal(f"holds dates, which have no unit: leave {stated!r} out of study.toml", address.name)
+    seconds = (values - np.datetime64(0, "ns")).astype("timedelta64[ns]").astype(float) * 1e-9
+    return np.where(np.isnat(values), np.nan, seconds)
 
 
 def refuse_infinite(table: DataTable, name: str, values: np.ndarray) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 
 from sim_backend.reality_gap.measured.foreign import time_grid
 from sim_backend.reality_gap.measured.foreign.data_files import open_table
-from sim_backend.reality_gap.measured.foreign.data_table import DataTable, column_of, find
+from sim_backend.reality_gap.measured.foreign.data_table import DataTable, column_of, find, in_si_units
 from sim_backend.reality_gap.measured.foreign.joints import (
     joint_signals,
     position_rows,
@@ -14,7 +14,6 @@ from sim_backend.reality_gap.measured.foreign.joints import (
     with_laws_that_hold,
     without_repeated_rows,
 )
-from sim_backend.reality_gap.measured.foreign.measurement_units import chosen_factor
 from sim_backend.reality_gap.measured.foreign.naming import listed, nearest
 from sim_backend.reality_gap.measured.foreign.objects import object_signals
 from sim_backend.reality_gap.measured.foreign.rows import Rows
@@ -161,10 +160,10 @@ def _values(table: DataTable, channels: Sequence[DataChannel]) -> dict[str, np.n
     numbers = table.read_numbers(list(dict.fromkeys(address.name for address in addresses)))
     gathered: dict[str, list[np.ndarray]] = {}
     for channel, address in zip(channels, addresses, strict=True):
-        where = f"{table.path}, column {address.name!r} for {channel.key}"
-        factor = chosen_factor(channel.unit, address.unit, channel.quantity, where)
         values = column_of(table, numbers, address, channel.key)
-        gathered.setdefault(channel.key, []).append(values * factor)
+        gathered.setdefault(channel.key, []).append(
+            in_si_units(table, values, channel.unit, address, channel.quantity, channel.key)
+        )
     lengths = {key: {len(column) for column in columns} for key, columns in gathered.items()}
     for key, found in lengths.items():
         if len(found) > 1:

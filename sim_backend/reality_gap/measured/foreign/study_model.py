@@ -15,6 +15,10 @@ from sim_backend.reality_gap.measured.foreign.study_section import Section
 
 _TOLERANCES = ("mass", "inertia", "centre", "friction", "zero")
 _OF_BEARINGS = ("give_rad", "creep_rad_s")
+_OF_FOLLOWERS = (
+    ": give a joint that follows another no joint of its own, and add its mass (of a hinge: its inertia about the axis) and its "
+    "armature to the other's armature, and its damping to the other's damping, all times the square of the ratio"
+)
 NominalValue = float | tuple[float, ...] | dict[str, float]
 """One number, three for an axis or camera each, or one for each joint by name."""
 
@@ -113,9 +117,11 @@ def refuse_linkages(top: Section, model: MjModel, recorded: Sequence[str]) -> No
             continue
         if touched := sorted(between & moved):
             joint, name = model.joint(touched[0]).name, model.equality(i).name
+            follower = _OF_FOLLOWERS if kind == int(mjtEq.mjEQ_JOINT) else ""
             raise top.refusal(
-                f"the model's equality {name or i}, which {joint} moves, cannot be judged: a study leaves equalities out; "
-                "write the linkage without it, or leave its joints out of [joints]"
+                f"the model's equality {name or i}, which {joint} moves, cannot be judged: a study leaves equalities out, and "
+                f"would blame {joint} for what hangs on it. Leave its joints out of [joints], or write a model that moves alike "
+                f"without it{follower}"
             )
 
 

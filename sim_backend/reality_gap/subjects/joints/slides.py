@@ -133,6 +133,22 @@ def told_distance(distance_rad: float, *, is_slide: bool, digits: int = 2) -> st
     return f"{float(f'{size:.{digits}g}'):g} {'mm' if is_slide else 'mrad'}"
 
 
+def told_range(low_rad: float, high_rad: float, *, is_slide: bool) -> str:
+    """From one position to another: rad of a hinge, m of a slide that is counted as one."""
+    arm = ARM_M if is_slide else 1.0
+    return f"{low_rad * arm:.3g} to {high_rad * arm:.3g} {'m' if is_slide else 'rad'}"
+
+
+def told_torque(torque_nm: float, *, is_slide: bool) -> str:
+    """A torque to two digits: N m of a hinge, N of a slide that is counted as one."""
+    return f"{torque_nm / ARM_M:.2g} N" if is_slide else f"{torque_nm:.2g} N m"
+
+
+def told_speed(speed_rad_s: float, *, is_slide: bool) -> str:
+    """A speed: rad/s of a hinge, m/s of a slide that is counted as one."""
+    return f"{speed_rad_s * ARM_M:.2g} m/s" if is_slide else f"{speed_rad_s:.2g} rad/s"
+
+
 def _feedback_as_hinges(law: Feedback, arm: np.ndarray) -> Feedback:
     return Feedback(
         law.target_rad / arm,

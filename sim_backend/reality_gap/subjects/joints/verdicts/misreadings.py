@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from sim_backend.reality_gap.knowledge.joint_effects import COULOMB_FRICTION, VISCOUS_FRICTION
 from sim_backend.reality_gap.subjects.joints.laws.state import JointState
 from sim_backend.reality_gap.subjects.joints.rollouts.open_loop import Losses, Motion, Rollouts, windows_of
 from sim_backend.reality_gap.subjects.joints.torques.counted_rows import near_end
@@ -43,6 +44,7 @@ _POSITION_UNITS = {
     180.0 / np.pi: "are in rad, not in degrees",
     2.0 * np.pi: "are in turns, not in rad",
 }
+_SLIDE_UNITS = {1e-3: "are in mm, not in m", 1e-2: "are in cm, not in m", 1e3: "are in m, not in mm", 1e2: "are in m, not in cm"}
 
 
 @dataclass(frozen=True)
@@ -79,11 +81,16 @@ class Misreading:
 
 @dataclass(frozen=True)
 class _Told:
-    """One episode as it is told: torques given and needed, shapes (t, k), N m."""
+    """One episode as it is told: torques given and needed, shapes (t, k), N m.
+
+    What is needed has the friction that the model has: ``coulomb_nm`` and ``damping_nm_s_rad``, shapes (k,).
+    """
 
     episode: EpisodeEquations
     given: np.ndarray
     needed: np.ndarray
+    coulomb_nm: np.ndarray
+    damping_nm_s_rad: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -147,6 +154,8 @@ def _rollout_errors(data: Sequence[_Told], reading: Reading) -> np.ndarray:
             _, (coulomb[j], damping[j], offset[j]) = _rms_left(
                 reading.torques[j] * of_joint.given - of_joint.needed, of_joint.free
             )
+    coulomb += np.sign(reading.positions) * data[0].coulomb_nm  # beside what was needed as the positions are told
+    damping += data[0].damping_nm_s_rad / (reading.positions * reading.pace)
     losses = Losses(np.maximum(coulomb, 0.0), np.maximum(damping, 0.0), -offset)
     motions, starts = zip(*(_motion(told, reading) for told in data), strict=True)
     many = max(1, round(sum(map(len, starts)) / _MOST_WINDOWS))
@@ -192,11 +201,14 @@ def _is_far_better(found: Misreading, told: np.ndarray, limit: np.ndarray) -> bo
 
 def _other_positions(data: Sequence[_Told], names: Sequence[str]) -> Iterator[Misreading]:
     """Signs and units of the positions, one joint or all of them, and what the torques then have to be."""
-    k = len(names)
-    choices = [(j,) for j in range(k)] + ([tuple(range(k))] if k > 1 else [])
+    k, is_slide = len(names), data[0].episode.plant.is_slide
+    alike = [tuple(np.flatnonzero(each).tolist()) for each in (np.ones(k, bool), ~is_slide, is_slide)]
+    choices = [(j,) for j in range(k)] + list(dict.fromkeys(joints for joints in alike if len(joints) > 1))
     for joints in choices:
-        who = listed([names[j] for j in joints])
-        for factor, said in {-1.0: "count the other way round", **_POSITION_UNITS}.items():
+        who, kinds = listed([names[j] for j in joints]), {bool(is_slide[j]) for j in joints}
+        units = (_SLIDE_UNITS if kinds == {True} else _POSITION_UNITS) if len(kinds) == 1 else {}
+        signs = {-1.0: "count the other way round"} if len(joints) in (1, k) else {}
+        for factor, said in {**signs, **units}.items():
             by = np.ones(k)
             by[list(joints)] = factor
             check = f"the sign of {who}" if factor < 0.0 else f"position_unit of {who}"
@@ -243,7 +255,10 @@ def _with_torques(
 
 
 def _of_units(factors: dict[int, float], names: Sequence[str]) -> str:
+    """Of joints whose torques are in other units: all in one sentence where the factors are alike, else each by itself."""
     sizes = [abs(factor) for factor in factors.values()]
+    if max(sizes) > _NEAR_UNIT**2 * min(sizes):
+        return " and ".join(_of_units({j: factor}, names) for j, factor in factors.items())
     middle = float(np.sqrt(min(sizes) * max(sizes)))
     who, sign = listed([names[j] for j in factors]), " and have the opposite sign" if min(factors.values()) < 0.0 else ""
     at = next((at for at in _UNIT_NAMES if 1.0 / _NEAR_UNIT < middle / at < _NEAR_UNIT), None)
@@ -301,7 +316,8 @@ def _other_paces(data: Sequence[_Told], told: Sequence[_Rows]) -> Iterator[Misre
 
 def _told(episode: EpisodeEquations, start: JointState) -> _Told:
     given = episode.path.smoothed(episode.acting_nm).T
-    return _Told(episode, given, given - episode.torque_error(start))
+    needed = given - episode.torque_error(start)
+    return _Told(episode, given, needed, start.value(COULOMB_FRICTION), start.value(VISCOUS_FRICTION))
 
 
 def _all_rows(

@@ -11,7 +11,9 @@ from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import Rollout
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_questions import would_move_nats
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_search import GATE
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_selection import RolloutSelection
+from sim_backend.reality_gap.subjects.joints.rollouts.rollout_trials import settled
 from sim_backend.reality_gap.subjects.joints.slides import told_distance
+from sim_backend.reality_gap.subjects.joints.verdicts.misreadings import listed
 from sim_backend.reality_gap.subjects.joints.verdicts.rollout_causes import causes_of, covering, extended_causes, products_of
 from sim_backend.reality_gap.subjects.joints.verdicts.rollout_effects import effects_judged
 from sim_backend.reality_gap.subjects.joints.verdicts.rollout_rivals import is_ahead, is_near, rivals_of
@@ -19,6 +21,8 @@ from sim_backend.reality_gap.verdict import Cause, HeldOut, Rival, Verdict, Verd
 
 _MOST_TOLD = 5
 """Windows of which it is told when they begin."""
+_LEAST_OF_RECORDING = 5
+"""Windows of a recording of which it is told whether the model goes where the robot went there."""
 _UNSEEN = (
     "noise and filters of sensors, ends of joints: rollouts compare positions between them",
     "whether all torques and all masses are off by the same share: no motion shows it",
@@ -87,9 +91,12 @@ def verdict_of_rollouts(
     unknown = (
         [f"where the rest comes from: {said}"] if kind is VerdictKind.NAMED and not problem.is_near_noise(selection.fit) else []
     )
-    unknown += _few_windows(selection.fit, names, is_slide, far_rad) if kind is VerdictKind.NAMED else []
-    is_few = kind is VerdictKind.UNEXPLAINED and is_healthy_but_for_few
-    look = _where_few(study, selection, healthy) if is_few else ()
+    unknown += _recordings_apart(study, selection, healthy.usual_rad) if kind is VerdictKind.UNEXPLAINED else []
+    is_right, right_rad = kind is VerdictKind.NOTHING_WRONG, healthy.far_for(selection.nominal)
+    fit, limit_rad = (selection.nominal, right_rad) if is_right else (selection.fit, far_rad)
+    few = _few_windows(fit, names, is_slide, limit_rad) if is_right or kind is VerdictKind.NAMED else []
+    is_few = (is_right and few) or (kind is VerdictKind.UNEXPLAINED and is_healthy_but_for_few)
+    look = _where_few(study, selection, right_rad) if is_few else ()
     return Verdict(
         verdict=kind,
         summary=summary,
@@ -98,7 +105,7 @@ def verdict_of_rollouts(
         held_out=_gained(selection),
         runner_up=min(rivals, key=lambda rival: rival.behind, default=None),
         rejected=tuple(sorted(rivals, key=lambda rival: rival.behind)),
-        cannot_tell=(*unknown, *products_of(study, causes), *_UNSEEN),
+        cannot_tell=(*unknown, *few, *products_of(study, causes), *_UNSEEN),
         record_next=look or _next(kind, [rival for _, rival, _, _ in near]),
         effects=tuple(effects_judged(selection, kind, causes, [rival for _, rival, _, _ in near])),
     )
@@ -111,11 +118,29 @@ def _next(kind: VerdictKind, near: Sequence[Rival]) -> tuple[str, ...]:
     return ("each joint slowly and fast, unloaded and loaded",) if kind is VerdictKind.UNEXPLAINED else ()
 
 
-def _where_few(study: JointStudy, selection: RolloutSelection, healthy: HealthyLimits) -> tuple[str, ...]:
-    """When the windows begin, of the joint that is furthest beyond its limit, that are off where most are not."""
+def _recordings_apart(study: JointStudy, selection: RolloutSelection, limit_rad: np.ndarray) -> list[str]:
+    """What is another in some recordings, where in others the model goes where the robot went, fitted to each alone."""
+    problem, right, wrong = selection.problem, list[str](), list[str]()
+    for owner, episode in enumerate(study.problem.episodes):
+        rows = np.flatnonzero(problem.windows.owner == owner)
+        if len(rows) >= _LEAST_OF_RECORDING:
+            alone = problem.part(rows)
+            is_right = bool((settled(alone, alone.fitted(alone.start, ())).usual_rad <= limit_rad).all())
+            (right if is_right else wrong).append(episode.path.recording.name)
+    if not (right and wrong):
+        return []
+    others, those = (f"{listed(each[:_MOST_TOLD])}{' and others' if each[_MOST_TOLD:] else ''}" for each in (wrong, right))
+    return [f"what is another in {others}, such as a load or the rig: in {those} the model goes where the robot went"]
+
+
+def _where_few(study: JointStudy, selection: RolloutSelection, limit_rad: np.ndarray) -> tuple[str, ...]:
+    """When the windows begin, of the joint that is furthest beyond its limit, that are off where most are not.
+
+    That joint is the one whose far windows are; where no far window is, the one whose furthest is.
+    """
     problem, fit = selection.problem, selection.nominal
-    limit_rad = healthy.far_for(fit)
-    worst, past = int(np.argmax(fit.far_rad / limit_rad)), problem.windows.past
+    off_rad = fit.far_rad if (fit.far_rad > limit_rad).any() else np.sqrt(fit.squares.max(axis=0))
+    worst, past = int(np.argmax(off_rad / limit_rad)), problem.windows.past
     if past is None:
         return ()
     rows = np.flatnonzero(np.sqrt(fit.squares[:, worst]) > limit_rad[worst])[:_MOST_TOLD]

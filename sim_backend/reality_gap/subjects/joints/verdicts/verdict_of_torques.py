@@ -25,6 +25,7 @@ from sim_backend.reality_gap.subjects.joints.laws.fitted_values import fitted_va
 from sim_backend.reality_gap.subjects.joints.laws.hypotheses import ALL_JOINTS
 from sim_backend.reality_gap.subjects.joints.laws.moves import moved
 from sim_backend.reality_gap.subjects.joints.signs.checks import Finding, place
+from sim_backend.reality_gap.subjects.joints.slides import told_speed
 from sim_backend.reality_gap.subjects.joints.torques.look import BENT_TIE, Accepted, Candidate, Look
 from sim_backend.reality_gap.subjects.joints.torques.normal_equations import WHOLE_EPISODES
 from sim_backend.reality_gap.subjects.joints.torques.residual_patterns import Pattern, lasting, patterns
@@ -49,6 +50,8 @@ _LEFT_BY_PLAY = 1.2
 """Nats of each row of the mechanics: play in gears left 1.6 to 2.1 in eight robots, other causes at most 0.9, noise 0.3."""
 _SHAPE = 3.0
 """Times what the causes gained, that a pattern at a joint whose error is almost gone gains at most as the shape of their laws."""
+_SLOW_RAD_S = 0.3
+"""A joint that is slower shows hardly anything that needs speed."""
 _TRADED_SCALE, _TRADED = 0.2, 2
 """So many torques or masses that seem off by more than this take the place of something else."""
 
@@ -307,15 +310,25 @@ def _cannot_tell(study: JointStudy, causes: Sequence[Cause]) -> list[str]:
         said.append(
             f"whether there is {', '.join(_said(unclear))}: among so many causes values as large as these are often others'"
         )
-    slow = [name for name, s in zip(study.problem.names, speed, strict=True) if s < 0.3]
-    if slow:
-        said.append(f"anything that needs speed about {', '.join(slow)}: slower than 0.3 rad/s all the time")
+    said += _of_slow_joints(study, speed)
     unjudged = [name for name, judged in zip(study.problem.names, study.is_judged, strict=True) if not judged]
     if isinstance(study.robot, KnownTriFinger) and unjudged:
         said.append(f"anything else about {', '.join(unjudged)}: what was found there left no rows of its mechanics to judge")
     if all(e.path.joints.measured_torque_nm is None for e in study.problem.episodes):
         said.append("whether torque is lost before or after the motor's current: no measured torque")
     return said if isinstance(study.robot, KnownTriFinger) else [*said, *unknown_of(study)]
+
+
+def _of_slow_joints(study: JointStudy, speed_rad_s: np.ndarray) -> list[str]:
+    """Hinges, and slides, that are slow all the time; speeds of shape (k,)."""
+    is_slide, names = study.problem.episodes[0].plant.is_slide, np.array(study.problem.names)
+    is_slow = speed_rad_s < _SLOW_RAD_S
+    return [
+        f"anything that needs speed about {', '.join(names[slow])}: "
+        f"slower than {told_speed(_SLOW_RAD_S, is_slide=slides)} all the time"
+        for slow, slides in ((is_slow & ~is_slide, False), (is_slow & is_slide, True))
+        if slow.any()
+    ]
 
 
 def _perhaps_absent(fitted: Sequence[Cause], causes: Sequence[Cause]) -> list[str]:

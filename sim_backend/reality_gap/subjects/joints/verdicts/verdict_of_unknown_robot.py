@@ -14,10 +14,11 @@ from sim_backend.reality_gap.knowledge.joint_effects import FITTED, Sign, effect
 from sim_backend.reality_gap.subjects.joints.gain import errors_of, held_out_errors
 from sim_backend.reality_gap.subjects.joints.identification import LEAST_TORQUE_SHARE, JointStudy
 from sim_backend.reality_gap.subjects.joints.signs.checks import noise_of_clocks
-from sim_backend.reality_gap.subjects.joints.slides import told_distance
+from sim_backend.reality_gap.subjects.joints.slides import told_distance, told_torque
 from sim_backend.reality_gap.subjects.joints.torques.look import Accepted
 from sim_backend.reality_gap.subjects.joints.torques.residual_patterns import shares
 from sim_backend.reality_gap.subjects.joints.verdicts.misreadings import listed, misreading
+from sim_backend.reality_gap.subjects.joints.verdicts.near_ends import mostly_at_ends, sentences_on_ends
 from sim_backend.reality_gap.verdict import Cause, Doubt, Verdict, VerdictKind
 
 FAR = 2.0
@@ -79,7 +80,7 @@ def unknown_of(study: JointStudy) -> list[str]:
     said.append(f"delays below a row ({row_ms:.3g} ms): nobody says when within its row a torque acted")
     if any(e.path.joints.measured_torque_nm is not None and e.path.joints.commanded_torque_nm is not None for e in episodes):
         said.append("the constant of motors, and delays of less than a row: the mechanics is compared with the measured torque")
-    said += [*_sensors_alone(study), *_of_rows(study)]
+    said += [*_sensors_alone(study), *_of_rows(study), *sentences_on_ends(episodes, study.problem.names)]
     if resting := episodes[0].plant.resting:
         said.append(f"anything about {listed(resting)}: not recorded, and taken to rest where the model has it at first")
     return said
@@ -144,13 +145,14 @@ def _of_rows(study: JointStudy) -> list[str]:
 
 def reconsidered(study: JointStudy, verdict: Verdict) -> Verdict:
     """A verdict as it stands when what is left of the error is looked at, with what it cannot tell of the joints."""
-    agreement, names = agreement_of(study), study.problem.names
+    agreement, names, is_slide = agreement_of(study), study.problem.names, study.problem.episodes[0].plant.is_slide
     unjudged = [name for name, judged in zip(names, agreement.is_judged, strict=True) if not judged]
     verdict = replace(verdict, cannot_tell=(*verdict.cannot_tell, *_unjudged_sentences(study, unjudged)))
     if any(finding.sign is Sign.REST_UNDER_LOAD for finding in study.findings):
         return verdict
     if not agreement.is_judged.any():
-        return _not_identifiable(verdict, "These data cannot tell anything: of no joint are there enough rows in which it moves.")
+        rows = "enough rows in which it moves, away from the ends of its range, and everything was measured"
+        return _not_identifiable(study, verdict, f"These data cannot tell anything: of no joint are there {rows}.")
     if agreement.was_far.any() and (said := _misread(study, agreement, verdict.causes)) is not None:
         return replace(
             _unexplained(verdict, f"The model agrees far better with the data if {said[0]}."),
@@ -163,8 +165,8 @@ def reconsidered(study: JointStudy, verdict: Verdict) -> Verdict:
         followed = tuple(f"{variable} of {names[j]} ({share:.0%} of it)" for j, variable, share in _laws(study, agreement))
         return replace(_unexplained(verdict, why), follows=(*followed, *verdict.follows))
     if verdict.verdict is VerdictKind.NOTHING_WRONG and unjudged:
-        return _not_identifiable(verdict, f"What could be judged agrees with the model; {listed(unjudged)} could not.")
-    return replace(verdict, cannot_tell=(*verdict.cannot_tell, *_left_sentences(agreement, names)))
+        return _not_identifiable(study, verdict, f"What could be judged agrees with the model; {listed(unjudged)} could not.")
+    return replace(verdict, cannot_tell=(*verdict.cannot_tell, *_left_sentences(agreement, names, is_slide)))
 
 
 def _objection(study: JointStudy, agreement: Agreement, causes: Sequence[Cause]) -> str | None:
@@ -220,7 +222,8 @@ def _worst(agreement: Agreement, error_nm: np.ndarray, study: JointStudy) -> str
     """The joint that is off by most, in units of its noise."""
     times = np.where(agreement.is_judged, error_nm / np.maximum(agreement.noise, 1e-12), 0.0)
     j = int(np.argmax(times))
-    return f"by {error_nm[j]:.2g} N m at {study.problem.names[j]}, {times[j]:.0f} times what sensors and smoothing make"
+    much = told_torque(error_nm[j], is_slide=bool(study.problem.episodes[0].plant.is_slide[j]))
+    return f"by {much} at {study.problem.names[j]}, {times[j]:.0f} times what sensors and smoothing make"
 
 
 def _unjudged_sentences(study: JointStudy, unjudged: Sequence[str]) -> list[str]:
@@ -231,7 +234,9 @@ def _unjudged_sentences(study: JointStudy, unjudged: Sequence[str]) -> list[str]
         pushes = [np.abs(e.pressing_nm[e.path.valid[:, j], j]) for e in study.problem.episodes]
         pressed = float(np.quantile(np.concatenate(pushes), 0.9)) if sum(map(len, pushes)) else 0.0
         more = f"; its motor gave {pressed:.2g} N m that the model does not need" if pressed > _needless_nm(study, j) else ""
-        said.append(f"anything about {name}: too few rows in which it moves and everything was measured{more}")
+        said.append(
+            f"anything about {name}: too few rows in which it moves, away from its ends, and everything was measured{more}"
+        )
     return said
 
 
@@ -239,13 +244,13 @@ def _needless_nm(study: JointStudy, joint: int) -> float:
     return FAR * max(LEAST_TORQUE_SHARE * float(study.problem.torque_rms_nm[joint]), 1e-12)
 
 
-def _left_sentences(agreement: Agreement, names: Sequence[str]) -> list[str]:
+def _left_sentences(agreement: Agreement, names: Sequence[str], is_slide: np.ndarray) -> list[str]:
     """What is left beyond noise and was not named."""
     said = []
-    for name, is_far, after, noise in zip(names, agreement.is_far, agreement.after, agreement.noise, strict=True):
-        if is_far:
-            times = f"{after / max(noise, 1e-12):.0f} times what sensors and smoothing make"
-            said.append(f"where the {after:.2g} N m come from that the causes leave at {name}: {times}")
+    for j in map(int, np.flatnonzero(agreement.is_far)):
+        times = f"{agreement.after[j] / max(agreement.noise[j], 1e-12):.0f} times what sensors and smoothing make"
+        much = told_torque(agreement.after[j], is_slide=bool(is_slide[j]))
+        said.append(f"where the {much} come from that the causes leave at {names[j]}: {times}")
     return said
 
 
@@ -256,10 +261,11 @@ def _unexplained(verdict: Verdict, summary: str) -> Verdict:
     )
 
 
-def _not_identifiable(verdict: Verdict, summary: str) -> Verdict:
-    return replace(
-        verdict,
-        verdict=VerdictKind.NOT_IDENTIFIABLE,
-        summary=summary,
-        record_next=("every joint over its range, slowly and fast, for ten seconds or more; 'trifarm gap excite' says how",),
-    )
+def _not_identifiable(study: JointStudy, verdict: Verdict, summary: str) -> Verdict:
+    record_next = "every joint over its range, slowly and fast, for ten seconds or more; 'trifarm gap excite' says how"
+    if at_ends := mostly_at_ends(study.problem.episodes, study.problem.names):
+        record_next = (
+            f"nothing yet: check the range of {listed(at_ends)} in the MJCF (in degrees unless its compiler says radian), "
+            "and position_unit and zero in study.toml"
+        )
+    return replace(verdict, verdict=VerdictKind.NOT_IDENTIFIABLE, summary=summary, record_next=(record_next,))

@@ -387,3 +387,49 @@ def test_objects_have_times_and_frames_of_their_own(tmp_path):
     x, y, z = velocity.T
     np.testing.assert_allclose(cube.angular_velocity_rad_s, np.column_stack([y, -x, z]), atol=1e-12)
     np.testing.assert_allclose(cube.linear_velocity_m_s, np.column_stack([-y, x, z]), atol=1e-12)
+
+
+DATES = np.datetime64("2026-11-30T23:59:59.9", "ns") + (np.arange(200) * STEP_S * 1e9).astype("timedelta64[ns]")
+
+
+@pytest.mark.parametrize(
+    "written",
+    [
+        [f"{date.astype('datetime64[ms]')}" for date in DATES],
+        [f"{date.astype('datetime64[us]')}".replace("T", " ") + "+00:00" for date in DATES],
+        DATES,
+    ],
+    ids=["csv", "csv-with-zone", "parquet"],
+)
+def test_dates_are_times_of_one_clock(tmp_path, written):
+    data = {**columns(), "time": np.array(written)}
+    name = "data.parquet" if written is DATES else "data.csv"
+    study = STUDY.replace('quaternion_order = "xyzw"', 'quaternion_order = "xyzw"\ntime = "seen"')
+    late_s = 0.024
+    late = np.array(written[12:] + written[-1:] * 12) if isinstance(written, list) else np.append(DATES[12:], [DATES[-1]] * 12)
+    (recording,) = read(folder(tmp_path, study, {**data, "seen": late}, name))
+    np.testing.assert_allclose(recording.time_s, np.arange(200) * STEP_S, atol=1e-5)
+    np.testing.assert_allclose(recording.joints.position_rad[:, 0], columns()["q"], atol=1e-5)
+    np.testing.assert_allclose(recording.objects[0].time_s[:100], np.arange(100) * STEP_S + late_s, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("study", "column", "cell", "why"),
+    [
+        (STUDY.replace('column = "time"', 'column = "time"\nunit = "ms"'), "time", None, "have no unit"),
+        (STUDY, "q", None, "joints.shoulder.position needs numbers"),
+        (STUDY, "time", "30.11.2026 09:15:00", "row 2: '30.11.2026 09:15:00' is not a number; times are numbers, or dates"),
+        (STUDY, "time", "soon", "row 2: 'soon' is not a number$"),
+    ],
+)
+def test_dates_that_are_no_times_are_refused(tmp_path, study, column, cell, why):
+    path = folder(tmp_path, study, {**columns(), column: np.array([cell or f"{date}" for date in DATES])})
+    with pytest.raises(RecordingError, match=why):
+        read(path)
+
+
+def test_a_row_that_is_no_date_among_dates_is_refused(tmp_path):
+    written = [f"{date.astype('datetime64[ms]')}" for date in DATES]
+    path = folder(tmp_path, data={**columns(), "time": np.array([*written[:7], "later", *written[8:]])})
+    with pytest.raises(RecordingError, match="row 9: 'later' is no date such as '2026-11-30T23:59:59"):
+        read(path)

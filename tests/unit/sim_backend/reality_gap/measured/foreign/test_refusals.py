@@ -135,6 +135,16 @@ def _nameless(path):
         np.save(file, np.zeros(3))
 
 
+def _encrypted(path):
+    """Says in the archive's directory that its arrays are encrypted, as one damaged byte may."""
+    content = bytearray(path.read_bytes())
+    at = content.find(b"PK\x01\x02")
+    while at >= 0:
+        content[at + 8] |= 1
+        at = content.find(b"PK\x01\x02", at + 1)
+    path.write_bytes(content)
+
+
 def _other_length(path):
     np.savez(path, **(dict(np.load(path)) | {"dq": np.zeros(7)}))
 
@@ -155,6 +165,7 @@ def _other_length(path):
         ("data.npz", _three_dimensions, ["column 'pos'", "3 dimensions"]),
         ("data.npz", _other_length, ["dq", "7 rows", "200"]),
         ("data.npz", lambda path: np.savez(path, time=np.array([{}], dtype=object)), ["has time"]),
+        ("data.npz", _encrypted, ["encrypted"]),
     ],
 )
 def test_broken_files_of_other_formats_are_refused(tmp_path, name, breaks, parts):

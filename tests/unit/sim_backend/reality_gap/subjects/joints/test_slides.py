@@ -8,7 +8,7 @@ import pytest
 
 from sim_backend.reality_gap.feedback import Feedback
 from sim_backend.reality_gap.recording import JointSignals, Recording
-from sim_backend.reality_gap.subjects.joints.slides import Slides, told_distance
+from sim_backend.reality_gap.subjects.joints.slides import Slides, told_distance, told_range, told_speed, told_torque
 from sim_backend.reality_gap.verdict import Cause, EffectJudged, HeldOut, Told, Verdict, VerdictKind
 
 CART_POLE = """<mujoco><option timestep="0.001"/><worldbody><body>
@@ -113,3 +113,9 @@ def test_values_to_start_from_are_counted_alike():
 )
 def test_distances_are_told_in_the_units_of_their_joint(distance_rad, is_slide, said):
     assert told_distance(distance_rad, is_slide=is_slide) == said
+
+
+def test_torques_speeds_and_ranges_are_told_in_the_units_of_their_joint():
+    assert [told_torque(0.0213, is_slide=each) for each in (False, True)] == ["0.021 N m", "0.21 N"]
+    assert [told_speed(0.3, is_slide=each) for each in (False, True)] == ["0.3 rad/s", "0.03 m/s"]
+    assert [told_range(-1.5, 2.0, is_slide=each) for each in (False, True)] == ["-1.5 to 2 rad", "-0.15 to 0.2 m"]

@@ -2,6 +2,7 @@
 
 from types import SimpleNamespace
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -9,6 +10,7 @@ from sim_backend.reality_gap.subjects.joints.rollouts.healthy_robots import Enou
 from sim_backend.reality_gap.subjects.joints.rollouts.limits import limits_by, limits_of
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import RolloutFit
 from sim_backend.reality_gap.verdict import VerdictKind
+from tests.unit.sim_backend.reality_gap.subjects.joints import pendulum
 from tests.unit.sim_backend.reality_gap.subjects.joints.ends_of_windows import fit_of
 from tests.unit.sim_backend.reality_gap.subjects.joints.pendulum import study_of
 
@@ -75,3 +77,28 @@ def test_a_robot_that_is_pushed_now_and_then_is_not_healthy():
     assert verdict.verdict is VerdictKind.UNEXPLAINED and not verdict.causes, verdict.summary
     (look,) = verdict.record_next
     assert "swing 1 from " in look and "swing 2 from " in look, "it says when"
+
+
+def test_what_happened_in_fewer_windows_than_one_of_ten_is_told_beside_a_model_that_is_right(monkeypatch):
+    """Once in each recording somebody pushes hard, or the joint hits a stop that its model lacks."""
+    monkeypatch.setattr(pendulum, "PUSHED_EVERY", 2300)
+    verdict = study_of("", seconds=13.0, pushed_nm=0.3)
+    assert verdict.verdict is VerdictKind.NOTHING_WRONG
+    (few,) = [said for said in verdict.cannot_tell if said.startswith("what happened in ")]
+    assert few.startswith("what happened in 2 of ")
+    (look,) = verdict.record_next
+    assert look.startswith("look at what happened at hinge in swing 1 from ") and ", swing 2 from " in look
+    assert study_of("", seconds=6.0).record_next == ()
+
+
+def test_what_is_another_in_one_of_two_recordings_is_told(monkeypatch):
+    """The second one was made with a payload that swings behind the arm, of which nothing was said."""
+    loaded = mujoco.MjModel.from_xml_string(pendulum.PENDULUM.format(more="").replace('pos="0 0 -0.15"', 'pos="0.06 0 -0.1"'))
+    plain = pendulum.recorded
+    monkeypatch.setattr(
+        pendulum, "recorded", lambda model, target, *, seed: plain(loaded if seed == 2 else model, target, seed=seed)
+    )
+    verdict = study_of("", seconds=8.0)
+    assert verdict.verdict is VerdictKind.UNEXPLAINED, verdict.summary
+    told = "what is another in swing 2, such as a load or the rig: in swing 1 the model goes where the robot went"
+    assert told in verdict.cannot_tell

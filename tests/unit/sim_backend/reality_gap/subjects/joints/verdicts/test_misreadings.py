@@ -1,5 +1,6 @@
 """Wrong signs, units and clocks of anybody's recordings are said, and never named as causes."""
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -7,10 +8,14 @@ import numpy as np
 import pytest
 
 from sim_backend.reality_gap.knowledge.joint_effects import TORQUE_CONSTANT
+from sim_backend.reality_gap.knowledge.known_of_robot import UnknownRobot
+from sim_backend.reality_gap.subjects.joints.identification import study_joints
 from sim_backend.reality_gap.subjects.joints.laws.state import JointState
 from sim_backend.reality_gap.subjects.joints.verdicts.misreadings import PLAUSIBLE_FACTOR
+from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_torques import judge
 from sim_backend.reality_gap.verdict import VerdictKind
 from tests.unit.sim_backend.reality_gap.subjects.joints.inverse_arm import (
+    arm,
     friction,
     motion,
     recorded,
@@ -52,6 +57,24 @@ def test_what_was_misread_is_said_and_no_cause_is_named(name):
     assert said in verdict.follows[0].split(", or ")
     assert said in verdict.summary
     assert verdict.record_next[0].startswith("nothing yet: check ")
+
+
+def test_torques_of_motors_are_said_where_the_model_has_the_friction_of_its_gears():
+    """Simulated motions have the model's friction, and not only what is beyond it."""
+    model, friction_nm, gears = arm(), (0.8, 0.3), np.array([50.0, 20.0])
+    model.dof_frictionloss[:] = friction_nm
+    recordings = []
+    for seed in (1, 2):
+        position = motion(seed)
+        torque, velocity = torques_nm(position)
+        recordings.append(recording(position, (torque + friction(velocity, friction_nm)) / gears, seed))
+    verdict = judge(study_joints(model, recordings, lambda *_: None, robot=UnknownRobot())).verdict
+    assert (verdict.verdict, verdict.causes) == (VerdictKind.UNEXPLAINED, ())
+    said = re.fullmatch(
+        r"the torques of shoulder are (\S+) times larger and the torques of elbow are (\S+) times larger", verdict.misreads
+    )
+    assert said is not None, verdict.misreads
+    assert [float(each) for each in said.groups()] == pytest.approx(gears, rel=0.03)
 
 
 @pytest.mark.parametrize(("told_s", "is_said"), [(1.06, True), (0.9, True), (1.01, False)])

@@ -1,14 +1,18 @@
 """Verdicts on robots without healthy sessions: nothing is named, or called right, that leaves what is wrong unexplained."""
 
+import mujoco
 import numpy as np
 import pytest
 
 from sim_backend.reality_gap.knowledge.known_of_robot import UnknownRobot
+from sim_backend.reality_gap.recording import JointSignals, Recording
 from sim_backend.reality_gap.subjects.joints.identification import study_joints
-from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_torques import judge
-from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_unknown_robot import Agreement
-from sim_backend.reality_gap.verdict import VerdictKind, names_of
+from sim_backend.reality_gap.subjects.joints.slides import Slides
+from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_torques import _cannot_tell, judge
+from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_unknown_robot import Agreement, reconsidered
+from sim_backend.reality_gap.verdict import Verdict, VerdictKind, names_of
 from tests.unit.sim_backend.reality_gap.subjects.joints.inverse_arm import (
+    STEP_S,
     arm,
     friction,
     motion,
@@ -136,3 +140,40 @@ def test_what_only_a_known_robot_shows_is_never_named():
     assert names_of(verdict.causes) == {("coulomb_friction", "shoulder"), ("coulomb_friction", "elbow")}
     assert any("ends of joints and noise of torques" in sentence for sentence in verdict.cannot_tell)
     assert any("measured torque" in sentence for sentence in verdict.cannot_tell)
+
+
+def cart_pole(cart_n: float, size_m: float, told: float = 1.0) -> Verdict:
+    """Of a cart that a force drives, some of which is lost to friction, and a pole that nothing drives; ``told`` for each m."""
+    model = mujoco.MjModel.from_xml_string(
+        '<mujoco><worldbody><body><joint name="cart" type="slide" axis="1 0 0"/><geom size=".05" mass="1" contype="0"/><body>'
+        '<joint name="pole" axis="0 1 0"/><geom type="capsule" fromto="0 0 0 0 0 -.3" size=".01" mass=".2" contype="0"/></body>'
+        "</body></worldbody></mujoco>"
+    )
+    rng, time_s, data = np.random.default_rng(3), np.arange(0.0, 10.0, STEP_S), mujoco.MjData(model)
+    position, force = np.empty((len(time_s), 2)), np.zeros((len(time_s), 2))
+    model.opt.timestep, model.dof_frictionloss[0] = STEP_S, cart_n
+    for row, t in enumerate(time_s):
+        position[row] = data.qpos
+        target_m = size_m * np.sin(5.0 * t) + size_m * np.sin(2.3 * t)
+        force[row, 0] = data.qfrc_applied[0] = 40.0 * (target_m - data.qpos[0]) - 4.0 * data.qvel[0]
+        mujoco.mj_step(model, data)
+    model.dof_frictionloss[0] = 0.0
+    position += 1e-5 * rng.standard_normal(position.shape)
+    position[:, 0] *= told
+    joints = JointSignals(("cart", "pole"), position, commanded_torque_nm=force)
+    slides, run = Slides.of(model, joints.names), Recording("run", "run.csv", STEP_S, time_s, joints)
+    study = study_joints(slides.model_as_hinges(model), [slides.as_hinges(run)], lambda *_: None, robot=UnknownRobot())
+    return reconsidered(study, Verdict(VerdictKind.NOTHING_WRONG, "", cannot_tell=tuple(_cannot_tell(study, []))))
+
+
+def test_what_is_left_at_a_slide_is_told_in_newtons_and_its_speed_in_metres():
+    fast, slow = cart_pole(0.8, 0.05), cart_pole(0.0, 0.002)
+    assert any(" N come from that the causes leave at cart" in said for said in fast.cannot_tell) or " N at cart" in fast.summary
+    assert "anything that needs speed about cart: slower than 0.03 m/s all the time" in slow.cannot_tell
+
+
+@pytest.mark.parametrize(("told", "unit"), [(1e3, "mm"), (1e2, "cm")])
+def test_a_slide_that_is_read_in_another_unit_is_said(told, unit):
+    verdict = cart_pole(0.1, 0.05, told)
+    assert verdict.verdict is VerdictKind.UNEXPLAINED
+    assert verdict.misreads == f"the positions of cart are in {unit}, not in m"
