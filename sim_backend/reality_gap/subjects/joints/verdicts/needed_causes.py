@@ -30,9 +30,9 @@ def with_needed_causes(selection: RolloutSelection, limits: Limits, fits: Callab
     """A selection of which each cause gains clearly, takes away half of an error somewhere, or what no healthy robot leaves.
 
     Where causes are several those that gained least are asked first; one of all joints that only one of them needs is that one's.
-    Of several dry frictions of one joint those that gained less have to do the last: how friction sets in again when a joint turns
-    is each robot's own, and each simulator's, and looks like more friction near standstill. What is not needed stays in the
-    extended model; nothing goes without which a model would be one that no robot can have.
+    Of several dry frictions of one joint those that gained less have to take what no healthy robot leaves: how friction sets in
+    again when a joint turns about is each robot's own, and each simulator's, and looks like more of it near standstill. What is not
+    needed stays in the extended model; nothing goes without which a model would be one that no robot can have.
 
     Args:
         selection: causes and models.
