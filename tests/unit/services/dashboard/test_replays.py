@@ -99,7 +99,7 @@ async def test_readers_take_turns_and_what_is_kept_waits_for_nobody(tmp_path, mo
     monkeypatch.setattr(kept, "_make", make)
     asked = [asyncio.create_task(kept.images(None, "ann", f"ann{number}")) for number in range(5)]
     asked.append(asyncio.create_task(kept.images(None, "bob", "bob0")))
-    while sum(kept._turns._waiting.values()) < len(asked):
+    while sum(kept._turns._waiting.values()) < len(asked):  # noqa: ASYNC110  threads look for the files
         await asyncio.sleep(0.01)
     (tmp_path / f"old-images-{replays.FORM}.gz").write_bytes(b"made before")
     await asyncio.wait_for(kept.images(None, "cid", "old"), 5.0)
