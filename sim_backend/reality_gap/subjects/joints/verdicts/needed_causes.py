@@ -31,8 +31,8 @@ def with_needed_causes(selection: RolloutSelection, limits: Limits, fits: Callab
 
     Where causes are several those that gained least are asked first; one of all joints that only one of them needs is that one's.
     Of several dry frictions of one joint those that gained less have to take what no healthy robot leaves: how friction sets in
-    again when a joint turns about is each robot's own, and each simulator's, and looks like more of it near standstill. What is not
-    needed stays in the extended model; nothing goes without which a model would be one that no robot can have.
+    again when a joint turns about is each robot's own, and each simulator's, and looks like more of it near standstill.
+    What is not needed stays in the extended model; nothing goes without which a model would be one that no robot can have.
 
     Args:
         selection: causes and models.
