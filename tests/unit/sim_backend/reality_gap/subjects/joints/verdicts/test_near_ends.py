@@ -1,10 +1,12 @@
 """What lies near an end of a joint's range is not judged, and is said; a range that the robot leaves is to be checked."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from sim_backend.reality_gap.knowledge.known_of_robot import UnknownRobot
-from sim_backend.reality_gap.subjects.joints.identification import study_joints
+from sim_backend.reality_gap.subjects.joints.identification import ShowsNothingError, study_joints
 from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_torques import judge
 from sim_backend.reality_gap.verdict import Verdict, VerdictKind
 from tests.unit.sim_backend.reality_gap.subjects.joints.inverse_arm import arm, recorded
@@ -37,3 +39,10 @@ def test_an_end_that_is_reached_now_and_then_is_told(upper_rad, is_told):
     assert verdict.verdict is VerdictKind.NOTHING_WRONG
     assert any("elbow does in" in each and "near an end of its range" in each for each in verdict.cannot_tell) == is_told
     assert not any("shoulder does in" in each for each in verdict.cannot_tell)
+
+
+def test_of_times_in_milliseconds_that_are_read_as_seconds_it_is_said_how_far_rows_lie_apart():
+    told = recorded(1)
+    slow = replace(told, step_s=1e3 * told.step_s, time_s=1e3 * told.time_s)
+    with pytest.raises(ShowsNothingError, match=r"rows 2 s apart \(is the unit of time right\?\)"):
+        study_joints(arm(), [slow], lambda *_: None, robot=UnknownRobot())
