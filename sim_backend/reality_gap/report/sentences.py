@@ -119,7 +119,8 @@ def evidence_sentences(document: Document) -> list[str]:
         *_success(document.get("success")),
     ]
     if verdict.get("follows"):
-        sentences.append(f"What is left of the error follows: {listed(verdict['follows'])}.")
+        what = "What little differs" if verdict.get("verdict") == "nothing_wrong" else "What is left of the error"
+        sentences.append(f"{what} follows: {listed(verdict['follows'])}.")
     return sentences
 
 

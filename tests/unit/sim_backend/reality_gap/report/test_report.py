@@ -102,6 +102,16 @@ def test_headlines_differ_by_verdict_and_by_the_number_of_causes():
     assert "name 2 things" in summary_lines(two)[0]
 
 
+@pytest.mark.parametrize(
+    ("kind", "said"),
+    [("nothing_wrong", "What little differs follows: speed."), ("unexplained", "What is left of the error follows: speed.")],
+)
+def test_what_a_healthy_robot_differs_by_is_not_called_an_error(kind, said):
+    document = documents.small_document(kind)
+    document["verdict"]["follows"] = ["speed"]
+    assert [line for line in summary_lines(document) if "follows" in line] == [said]
+
+
 def test_parameters_of_one_effect_at_one_place_are_one_sentence():
     document = documents.small_document()
     document["verdict"]["causes"] = [
