@@ -23,6 +23,8 @@ _MOST_TOLD = 5
 """Windows of which it is told when they begin."""
 _LEAST_OF_RECORDING = 5
 """Windows of a recording of which it is told whether the model goes where the robot went there."""
+_CLEARLY = 2.0
+"""Times as far off as without causes, where they are not there."""
 _UNSEEN = (
     "noise and filters of sensors, ends of joints: rollouts compare positions between them",
     "whether all torques and all masses are off by the same share: no motion shows it",
@@ -38,7 +40,8 @@ def verdict_of_rollouts(
     further off than healthy robots are, leaves no joint of whose error it took less further off than robots are that have nothing
     but these causes, and has settled where it fits best unless all joints are as those robots'; what few motions show is judged
     by the far windows in the same way, and where nothing but few windows are off only if with the causes no joint is further off
-    than those robots are; what does not is listed as a part of something that is not explained. Where nothing is
+    than those robots are. In no recording may the model without causes go where the robot went, and with them not. What does not
+    do all this is listed as a part of something that is not explained. Where nothing is
     named, a model is as good as right if the robot, fitted within the model's tolerances, is not further off than healthy ones
     are that were drawn within them.
 
@@ -70,6 +73,7 @@ def verdict_of_rollouts(
     explains = explains and (
         with_causes.hold(selection.fit) or problem.is_near_noise(selection.fit) or would_move_nats(problem, selection.fit) < GATE
     )
+    explains = explains and not _is_contradicted(study, selection, healthy.usual_rad, with_causes.usual_rad)
     if is_healthy and not (causes and explains):
         worst = int(np.argmax(before / healthy.usual_rad))
         most, end = (told_distance(rad[worst], is_slide=bool(is_slide[worst])) for rad in (healthy.usual_rad, before))
@@ -116,6 +120,25 @@ def _next(kind: VerdictKind, near: Sequence[Rival]) -> tuple[str, ...]:
     if kind is VerdictKind.CONFUSABLE:
         return tuple(dict.fromkeys(rival.separated_by for rival in near))
     return ("each joint slowly and fast, unloaded and loaded",) if kind is VerdictKind.UNEXPLAINED else ()
+
+
+def _is_contradicted(study: JointStudy, selection: RolloutSelection, healthy_rad: np.ndarray, limit_rad: np.ndarray) -> bool:
+    """Whether in some recording the model without causes goes where the robot went, and with them clearly does not.
+
+    Each is fitted to the recording within the model's tolerances, with the causes as they are.
+    """
+    problem, fit = selection.problem, selection.fit
+    for owner in range(len(study.problem.episodes)):
+        rows = np.flatnonzero(problem.windows.owner == owner)
+        if len(rows) < _LEAST_OF_RECORDING or bool((np.sqrt(np.median(fit.squares[rows], axis=0)) <= limit_rad).all()):
+            continue
+        alone = problem.part(rows)
+        without_rad = settled(alone, alone.fitted(alone.start, ())).usual_rad
+        if bool((without_rad <= healthy_rad).all()):
+            with_rad = settled(alone, alone.fitted(fit.state, ())).usual_rad
+            if bool((with_rad > np.maximum(limit_rad, _CLEARLY * without_rad)).any()):
+                return True
+    return False
 
 
 def _recordings_apart(study: JointStudy, selection: RolloutSelection, limit_rad: np.ndarray) -> list[str]:

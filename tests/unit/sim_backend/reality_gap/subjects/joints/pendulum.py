@@ -105,14 +105,19 @@ def study_of(
     tolerance: Tolerance | None = None,
     seconds: float = 6.0,
     gravity_m_s2: float = 9.81,
+    then: mujoco.MjModel | None = None,
     **of_motor: float,
 ):
-    """Judge two recordings of a pendulum that has more than its model, or of another, and a motor as :func:`recorded` has it."""
+    """Judge two recordings of a pendulum that has more than its model, or of another, and a motor as :func:`recorded` has it.
+
+    The second one is of the pendulum ``then``, if there is one.
+    """
     nominal = mujoco.MjModel.from_xml_string(PENDULUM.format(more=""))
     model = mujoco.MjModel.from_xml_string(PENDULUM.format(more=hidden)) if isinstance(hidden, str) else hidden
     model.opt.gravity[2] = -gravity_m_s2
     recordings = [
-        replace(recorded(model, targets(seconds, seed), seed=seed, **of_motor), name=f"swing {seed}") for seed in (1, 2)
+        replace(recorded(each, targets(seconds, seed), seed=seed, **of_motor), name=f"swing {seed}")
+        for seed, each in ((1, model), (2, then or model))
     ]
     robot = UnknownRobot(tolerance or Tolerance())
     study = study_joints(nominal, recordings, lambda *_: None, robot=robot, gate=np.inf)

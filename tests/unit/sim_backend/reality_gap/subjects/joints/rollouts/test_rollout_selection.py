@@ -60,6 +60,13 @@ def test_a_hidden_loss_is_named_by_where_the_pendulum_goes(hidden, effect, value
     assert [e.told for e in verdict.effects if e.effect == effect] == [Told.NAMED]
 
 
+def test_a_load_in_one_of_two_recordings_is_no_cause_of_the_robot():
+    loaded = mujoco.MjModel.from_xml_string(PENDULUM.format(more="").replace('mass="0.6"', 'mass="1.2"'))
+    verdict = study_of("", seconds=15.0, then=loaded)
+    assert verdict.verdict is VerdictKind.UNEXPLAINED, verdict.summary
+    assert "what is another in swing 2, such as a load or the rig: in swing 1 the model goes" in verdict.cannot_tell[0]
+
+
 def test_how_a_soft_friction_sets_in_is_no_second_cause():
     verdict = study_of('frictionloss="0.1"')
     assert verdict.verdict is VerdictKind.NAMED, verdict.summary
