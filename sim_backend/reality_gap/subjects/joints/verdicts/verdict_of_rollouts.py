@@ -7,7 +7,7 @@ import numpy as np
 from sim_backend.reality_gap.subjects.joints.identification import JointStudy
 from sim_backend.reality_gap.subjects.joints.rollouts.explained import explained_beside, is_halved
 from sim_backend.reality_gap.subjects.joints.rollouts.limits import HealthyLimits
-from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import RolloutFit
+from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import RolloutFit, RolloutProblem
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_questions import would_move_nats
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_search import GATE
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_selection import RolloutSelection
@@ -69,10 +69,7 @@ def verdict_of_rollouts(
     is_healthy, is_healthy_but_for_few = healthy.hold(selection.nominal), healthy.hold_but_for_few(selection.nominal)
     is_gain = explained_beside(selection.nominal, selection.fit, healthy, with_causes)
     is_little = (halved | (after <= with_causes.usual_rad)) & (far_halved | (far_after <= far_rad))
-    explains = bool(is_gain.any() and is_little.all())
-    explains = explains and (
-        with_causes.hold(selection.fit) or problem.is_near_noise(selection.fit) or would_move_nats(problem, selection.fit) < GATE
-    )
+    explains = bool(is_gain.any() and is_little.all()) and _has_settled(problem, selection.fit, with_causes)
     explains = explains and not _is_contradicted(study, selection, healthy.usual_rad, with_causes.usual_rad)
     if is_healthy and not (causes and explains):
         worst = int(np.argmax(before / healthy.usual_rad))
@@ -120,6 +117,11 @@ def _next(kind: VerdictKind, near: Sequence[Rival]) -> tuple[str, ...]:
     if kind is VerdictKind.CONFUSABLE:
         return tuple(dict.fromkeys(rival.separated_by for rival in near))
     return ("each joint slowly and fast, unloaded and loaded",) if kind is VerdictKind.UNEXPLAINED else ()
+
+
+def _has_settled(problem: RolloutProblem, fit: RolloutFit, limits: HealthyLimits) -> bool:
+    """Whether all joints are as those of robots that have these causes, or a model fits best where it is."""
+    return limits.hold(fit) or problem.is_near_noise(fit) or would_move_nats(problem, fit) < GATE
 
 
 def _is_contradicted(study: JointStudy, selection: RolloutSelection, healthy_rad: np.ndarray, limit_rad: np.ndarray) -> bool:
