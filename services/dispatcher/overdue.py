@@ -59,8 +59,7 @@ class LeaseEnder:
             reason += ", since the API did not answer it" if cut_off else ", since the services went away before they offered it"
         async with self.database.write() as tx:
             limit = self.settings.max_attempts
-            excused = cut_off or never_offered
-            ending = await completion.fault(tx, self.clock.now_s(), claim, reason, limit, cut_off=excused)
+            ending = await completion.fault(tx, self.clock.now_s(), claim, reason, limit, excused=cut_off or never_offered)
         self.fleet.freed(claim, done=False)
         if ending is not None and ending.job_id is not None:
             log.warning("platform error of an attempt", trial=claim.trial_id, robot=claim.robot, reason=reason)

@@ -70,7 +70,7 @@ async def accept(
     await check_report(tx, claim, report)
     if outcome.fault == Fault.PLATFORM:
         excused = outcome.kind == OutcomeKind.OUT_OF_SPACE
-        ending = await fault(tx, now_s, claim, outcome.reason, max_attempts, report=report, cut_off=excused)
+        ending = await fault(tx, now_s, claim, outcome.reason, max_attempts, report=report, excused=excused)
     elif outcome.kind == OutcomeKind.CANCELLED:
         ending = await _stopped(tx, now_s, claim, report, max_attempts)
     else:
@@ -86,15 +86,15 @@ async def fault(
     max_attempts: int,
     *,
     report: OutcomeReport | None = None,
-    cut_off: bool = False,
+    excused: bool = False,
 ) -> Ending | None:
     """Ends an attempt by the platform's fault; the trial is queued again. None when the claim does not hold any more.
 
-    One whose robot was ``cut_off``, from the API or by a full disk, counts neither for the trial nor for the robot,
-    ``OUTAGES`` times.
+    One is ``excused`` whose robot was cut off, from the API or by a full disk, or was never asked: it counts neither for the
+    trial nor for the robot, ``OUTAGES`` times.
     """
     await lock_job_of(tx, claim.trial_id)
-    counts = not (cut_off and await _may_be_an_outage(tx, claim.trial_id))
+    counts = not (excused and await _may_be_an_outage(tx, claim.trial_id))
     moved = await _leave(tx, claim, TrialState.QUEUED, add_faults=int(counts))
     if moved is None:
         return None
