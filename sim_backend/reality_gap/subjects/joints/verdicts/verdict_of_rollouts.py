@@ -11,9 +11,8 @@ from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import Rollout
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_questions import would_move_nats
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_search import GATE
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_selection import RolloutSelection
-from sim_backend.reality_gap.subjects.joints.rollouts.rollout_trials import settled
 from sim_backend.reality_gap.subjects.joints.slides import told_distance
-from sim_backend.reality_gap.subjects.joints.verdicts.misreadings import listed
+from sim_backend.reality_gap.subjects.joints.verdicts.recordings import Recordings
 from sim_backend.reality_gap.subjects.joints.verdicts.rollout_causes import causes_of, covering, extended_causes, products_of
 from sim_backend.reality_gap.subjects.joints.verdicts.rollout_effects import effects_judged
 from sim_backend.reality_gap.subjects.joints.verdicts.rollout_rivals import is_ahead, is_near, rivals_of
@@ -21,10 +20,6 @@ from sim_backend.reality_gap.verdict import Cause, HeldOut, Rival, Verdict, Verd
 
 _MOST_TOLD = 5
 """Windows of which it is told when they begin."""
-_LEAST_OF_RECORDING = 5
-"""Windows of a recording of which it is told whether the model goes where the robot went there."""
-_CLEARLY = 2.0
-"""Times as far off as without causes, where they are not there."""
 _UNSEEN = (
     "noise and filters of sensors, ends of joints: rollouts compare positions between them",
     "whether all torques and all masses are off by the same share: no motion shows it",
@@ -70,7 +65,8 @@ def verdict_of_rollouts(
     is_gain = explained_beside(selection.nominal, selection.fit, healthy, with_causes)
     is_little = (halved | (after <= with_causes.usual_rad)) & (far_halved | (far_after <= far_rad))
     explains = bool(is_gain.any() and is_little.all()) and _has_settled(problem, selection.fit, with_causes)
-    explains = explains and not _is_contradicted(study, selection, healthy.usual_rad, with_causes.usual_rad)
+    recordings = Recordings(study, selection, healthy.usual_rad)
+    explains = explains and not recordings.contradict(with_causes.usual_rad)
     if is_healthy and not (causes and explains):
         worst = int(np.argmax(before / healthy.usual_rad))
         most, end = (told_distance(rad[worst], is_slide=bool(is_slide[worst])) for rad in (healthy.usual_rad, before))
@@ -92,7 +88,7 @@ def verdict_of_rollouts(
     unknown = (
         [f"where the rest comes from: {said}"] if kind is VerdictKind.NAMED and not problem.is_near_noise(selection.fit) else []
     )
-    unknown += _recordings_apart(study, selection, healthy.usual_rad) if kind is VerdictKind.UNEXPLAINED else []
+    unknown += recordings.apart() if kind is VerdictKind.UNEXPLAINED else []
     is_right, right_rad = kind is VerdictKind.NOTHING_WRONG, healthy.far_for(selection.nominal)
     fit, limit_rad = (selection.nominal, right_rad) if is_right else (selection.fit, far_rad)
     few = _few_windows(fit, names, is_slide, limit_rad) if is_right or kind is VerdictKind.NAMED else []
@@ -122,40 +118,6 @@ def _next(kind: VerdictKind, near: Sequence[Rival]) -> tuple[str, ...]:
 def _has_settled(problem: RolloutProblem, fit: RolloutFit, limits: HealthyLimits) -> bool:
     """Whether all joints are as those of robots that have these causes, or a model fits best where it is."""
     return limits.hold(fit) or problem.is_near_noise(fit) or would_move_nats(problem, fit) < GATE
-
-
-def _is_contradicted(study: JointStudy, selection: RolloutSelection, healthy_rad: np.ndarray, limit_rad: np.ndarray) -> bool:
-    """Whether in some recording the model without causes goes where the robot went, and with them clearly does not.
-
-    Each is fitted to the recording within the model's tolerances, with the causes as they are.
-    """
-    problem, fit = selection.problem, selection.fit
-    for owner in range(len(study.problem.episodes)):
-        rows = np.flatnonzero(problem.windows.owner == owner)
-        if len(rows) < _LEAST_OF_RECORDING or bool((np.sqrt(np.median(fit.squares[rows], axis=0)) <= limit_rad).all()):
-            continue
-        alone = problem.part(rows)
-        without_rad = settled(alone, alone.fitted(alone.start, ())).usual_rad
-        if bool((without_rad <= healthy_rad).all()):
-            with_rad = settled(alone, alone.fitted(fit.state, ())).usual_rad
-            if bool((with_rad > np.maximum(limit_rad, _CLEARLY * without_rad)).any()):
-                return True
-    return False
-
-
-def _recordings_apart(study: JointStudy, selection: RolloutSelection, limit_rad: np.ndarray) -> list[str]:
-    """What is another in some recordings, where in others the model goes where the robot went, fitted to each alone."""
-    problem, right, wrong = selection.problem, list[str](), list[str]()
-    for owner, episode in enumerate(study.problem.episodes):
-        rows = np.flatnonzero(problem.windows.owner == owner)
-        if len(rows) >= _LEAST_OF_RECORDING:
-            alone = problem.part(rows)
-            is_right = bool((settled(alone, alone.fitted(alone.start, ())).usual_rad <= limit_rad).all())
-            (right if is_right else wrong).append(episode.path.recording.name)
-    if not (right and wrong):
-        return []
-    others, those = (f"{listed(each[:_MOST_TOLD])}{' and others' if each[_MOST_TOLD:] else ''}" for each in (wrong, right))
-    return [f"what is another in {others}, such as a load or the rig: in {those} the model goes where the robot went"]
 
 
 def _where_few(study: JointStudy, selection: RolloutSelection, limit_rad: np.ndarray) -> tuple[str, ...]:
