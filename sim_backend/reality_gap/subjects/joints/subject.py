@@ -35,7 +35,6 @@ from sim_backend.reality_gap.subjects.joints.verdicts.equal_causes import (
 )
 from sim_backend.reality_gap.subjects.joints.verdicts.filtered_loops import without_loops_of_filters
 from sim_backend.reality_gap.subjects.joints.verdicts.judged import not_judged
-from sim_backend.reality_gap.subjects.joints.verdicts.misreadings import listed
 from sim_backend.reality_gap.subjects.joints.verdicts.needed_causes import with_needed_causes
 from sim_backend.reality_gap.subjects.joints.verdicts.torques_and_rollouts import (
     in_both,
@@ -49,6 +48,7 @@ from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_rollouts import
 from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_torques import judge
 from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_unknown_robot import sensors_of_two
 from sim_backend.reality_gap.subjects.joints.verdicts.weak_motors import against_weak_motors
+from sim_backend.reality_gap.subjects.joints.verdicts.wording import listed
 from sim_backend.reality_gap.subjects.subject import CUBE_EXCITATION, Material, Progress, Sections, part
 from sim_backend.reality_gap.verdict import Cause, Verdict, VerdictKind
 from sim_backend.trifinger.scene import compile_scene

@@ -6,7 +6,7 @@ from sim_backend.reality_gap.subjects.joints.identification import JointStudy
 from sim_backend.reality_gap.subjects.joints.laws.state import JointState
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_selection import RolloutSelection
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_trials import settled
-from sim_backend.reality_gap.subjects.joints.verdicts.misreadings import listed
+from sim_backend.reality_gap.subjects.joints.verdicts.wording import listed
 
 _LEAST = 5
 """Windows of a recording that is looked at by itself."""

@@ -17,8 +17,9 @@ from sim_backend.reality_gap.subjects.joints.signs.checks import noise_of_clocks
 from sim_backend.reality_gap.subjects.joints.slides import told_distance, told_torque
 from sim_backend.reality_gap.subjects.joints.torques.look import Accepted
 from sim_backend.reality_gap.subjects.joints.torques.residual_patterns import shares
-from sim_backend.reality_gap.subjects.joints.verdicts.misreadings import listed, misreading
+from sim_backend.reality_gap.subjects.joints.verdicts.misreadings import misreading
 from sim_backend.reality_gap.subjects.joints.verdicts.near_ends import mostly_at_ends, sentences_on_ends
+from sim_backend.reality_gap.subjects.joints.verdicts.wording import listed
 from sim_backend.reality_gap.verdict import Cause, Doubt, Verdict, VerdictKind
 
 FAR = 2.0

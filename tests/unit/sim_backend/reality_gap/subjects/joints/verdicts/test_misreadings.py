@@ -11,8 +11,8 @@ from sim_backend.reality_gap.knowledge.joint_effects import TORQUE_CONSTANT
 from sim_backend.reality_gap.knowledge.known_of_robot import UnknownRobot
 from sim_backend.reality_gap.subjects.joints.identification import study_joints
 from sim_backend.reality_gap.subjects.joints.laws.state import JointState
-from sim_backend.reality_gap.subjects.joints.verdicts.misreadings import PLAUSIBLE_FACTOR
 from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_torques import judge
+from sim_backend.reality_gap.subjects.joints.verdicts.ways_to_misread import PLAUSIBLE_FACTOR
 from sim_backend.reality_gap.verdict import VerdictKind
 from tests.unit.sim_backend.reality_gap.subjects.joints.inverse_arm import (
     arm,

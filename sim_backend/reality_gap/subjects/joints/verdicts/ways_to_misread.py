@@ -1,0 +1,169 @@
+"""Ways in which recordings may be misread: signs, units and clocks of joints, tried one by one."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from sim_backend.reality_gap.subjects.joints.verdicts.readings import (
+    Reading,
+    ToldEpisode,
+    TorqueRows,
+    all_rows,
+    errors_of,
+    left_with_any_factor,
+    left_with_factor,
+)
+from sim_backend.reality_gap.subjects.joints.verdicts.wording import listed
+
+FALLS_TO = 0.7
+"""A reading must leave no more of a joint's error than this: less than half of its variance. Right ones leave next to nothing."""
+_LATEST_S, _CLOCK_STEP_S = 0.1, 0.002
+_PACES, _LEAST_PACE = np.linspace(0.8, 1.25, 91), 0.02
+"""Of clocks, relative to the told one, and by how much one is off that no tolerated mass or inertia stands for."""
+_UNIT_LEAVES = 1.0 / 3.0
+"""Of what a joint's motion takes torques in another unit leave less; with any factor those of something else leave more."""
+PLAUSIBLE_FACTOR = 2.0
+"""A torque constant may be off by so much; beyond it a number is in another unit."""
+_UNIT_NAMES = {1e-3: "as if mN m were read as N m", 1e3: "as if N m were read as mN m", 1e-2: "as if N cm were read as N m"}
+_NEAR_UNIT = 1.15
+_POSITION_UNITS = {
+    np.pi / 180.0: "are in degrees, not in rad",
+    180.0 / np.pi: "are in rad, not in degrees",
+    2.0 * np.pi: "are in turns, not in rad",
+}
+_SLIDE_UNITS = {1e-3: "are in mm, not in m", 1e-2: "are in cm, not in m", 1e3: "are in m, not in mm", 1e2: "are in m, not in cm"}
+
+
+@dataclass(frozen=True)
+class Misreading:
+    """A way to read the data with which the model agrees far better.
+
+    Attributes:
+        said: what would have to be so.
+        check: what to look at.
+        joints: that it is about.
+        after_nm: root mean square torque error of each joint with it, friction and a constant set free, shape (k,).
+        reading: the same as numbers.
+    """
+
+    said: str
+    check: str
+    joints: tuple[int, ...]
+    after_nm: np.ndarray
+    reading: Reading = field(repr=False)
+
+
+def other_positions(data: Sequence[ToldEpisode], names: Sequence[str]) -> Iterator[Misreading]:
+    """Signs and units of the positions, one joint or all of them, and what the torques then have to be."""
+    k, is_slide = len(names), data[0].episode.plant.is_slide
+    alike = [tuple(np.flatnonzero(each).tolist()) for each in (np.ones(k, bool), ~is_slide, is_slide)]
+    choices = [(j,) for j in range(k)] + list(dict.fromkeys(joints for joints in alike if len(joints) > 1))
+    for joints in choices:
+        who, kinds = listed([names[j] for j in joints]), {bool(is_slide[j]) for j in joints}
+        units = (_SLIDE_UNITS if kinds == {True} else _POSITION_UNITS) if len(kinds) == 1 else {}
+        signs = {-1.0: "count the other way round"} if len(joints) in (1, k) else {}
+        for factor, said in {**signs, **units}.items():
+            by = np.ones(k)
+            by[list(joints)] = factor
+            check = f"the sign of {who}" if factor < 0.0 else f"position_unit of {who}"
+            yield from with_torques(all_rows(data, by), names, f"the positions of {who} {said}", check, joints, by)
+
+
+def with_torques(
+    rows: Sequence[TorqueRows], names: Sequence[str], said: str, check: str, joints: tuple[int, ...], by: np.ndarray
+) -> Iterator[Misreading]:
+    """The positions as given (times ``by``), and each joint's torque turned round or in another unit where only this agrees.
+
+    Not both units at once: smaller positions need smaller torques, which then leave smaller errors, whatever is right.
+    """
+    after, factors = errors_of(rows), np.ones(len(rows))
+    turned: list[int] = []
+    scaled: dict[int, float] = {}
+    foreign: dict[int, float] = {}
+    for j, of_joint in enumerate(rows):
+        if not np.isfinite(after[j]):
+            continue
+        opposite, (free, factor, without) = left_with_factor(of_joint, -1.0), left_with_any_factor(of_joint)
+        if opposite <= FALLS_TO * after[j] and opposite <= free / FALLS_TO:
+            after[j], factors[j] = opposite, -1.0
+            turned.append(j)
+        elif not joints and free <= FALLS_TO * min(after[j], without) and _is_implausible(factor):
+            after[j], factors[j] = free, factor
+            (scaled if free <= _UNIT_LEAVES * without else foreign)[j] = factor
+    touched, these = tuple(sorted({*joints, *turned, *scaled, *foreign})), [names[j] for j in turned]
+    parts, checks = [said] if said else [], [check] if check else []
+    if turned and set(turned) == set(joints) and "other way" in said:
+        parts = [f"{listed([names[j] for j in joints])} counts the other way round, position and torque"]
+    elif turned:
+        parts.append(f"the torques of {listed(these)} have the opposite sign")
+        checks.append(f"torque_sign of {listed(these)}")
+    if scaled:
+        parts.append(_of_units(scaled, names))
+        checks.append(f"torque_unit of {listed([names[j] for j in scaled])}")
+    if foreign:
+        who = listed([names[j] for j in foreign])
+        parts.append(f"the torques of {who} are mostly not the joint's own")
+        checks.append(f"what the torques of {who} hold")
+    if parts:
+        yield Misreading(" and ".join(parts), " and ".join(checks), touched, after, Reading(by, factors))
+
+
+def _of_units(factors: dict[int, float], names: Sequence[str]) -> str:
+    """Of joints whose torques are in other units: all in one sentence where the factors are alike, else each by itself."""
+    sizes = [abs(factor) for factor in factors.values()]
+    if max(sizes) > _NEAR_UNIT**2 * min(sizes):
+        return " and ".join(_of_units({j: factor}, names) for j, factor in factors.items())
+    middle = float(np.sqrt(min(sizes) * max(sizes)))
+    who, sign = listed([names[j] for j in factors]), " and have the opposite sign" if min(factors.values()) < 0.0 else ""
+    at = next((at for at in _UNIT_NAMES if 1.0 / _NEAR_UNIT < middle / at < _NEAR_UNIT), None)
+    middle, unit = (middle, "") if at is None else (at, f" ({_UNIT_NAMES[at]})")
+    size = f"{_rounded(1.0 / middle)} times smaller" if middle < 1.0 else f"{_rounded(middle)} times larger"
+    return f"the torques of {who} are {size}{unit}{sign}"
+
+
+def _rounded(factor: float) -> str:
+    return f"{factor:.0f}" if factor >= 100.0 else f"{factor:.3g}"
+
+
+def _is_implausible(factor: float) -> bool:
+    return not 1.0 / PLAUSIBLE_FACTOR < factor < PLAUSIBLE_FACTOR
+
+
+def other_clocks(data: Sequence[ToldEpisode]) -> Iterator[Misreading]:
+    """Torques that acted earlier or later than they are dated, all joints alike."""
+    step_s = max(0.5 * data[0].episode.path.step_s, _CLOCK_STEP_S)  # a command that is held acts half a row later in the mean
+    shifts_s = [s * step_s for s in range(-round(_LATEST_S / step_s), round(_LATEST_S / step_s) + 1) if s]
+    errors = [errors_of(all_rows(data, late_s=shift_s)) for shift_s in shifts_s]
+    if not errors:
+        return
+    best = int(np.argmin([float(np.nansum(np.log(error))) for error in errors]))
+    late_ms, after = 1e3 * shifts_s[best], errors[best]
+    when = "later" if late_ms < 0.0 else "earlier"
+    is_driven = np.any([told.given.any(axis=0) for told in data], axis=0)
+    joints = tuple(np.flatnonzero(np.isfinite(after) & is_driven).tolist())
+    said = f"the torques acted {abs(late_ms):.3g} ms {when} than they are dated"
+    same = np.ones(len(after))
+    yield Misreading(said, "the clocks of positions and torques", joints, after, Reading(same, same, 1e-3 * late_ms))
+
+
+def other_paces(data: Sequence[ToldEpisode], told: Sequence[TorqueRows]) -> Iterator[Misreading]:
+    """A clock that runs slow or fast: what moves slower needs less torque for its inertia, and as much for gravity."""
+    slow, fast = (all_rows(data, pace=pace) for pace in (_PACES[0], _PACES[-1]))
+    known = np.array([_PACES[0], 1.0, _PACES[-1]])
+
+    def needed(j: int, pace: float) -> np.ndarray:
+        """Torque is a polynomial of second degree in the pace."""
+        weights = [np.prod((pace - np.delete(known, i)) / (known[i] - np.delete(known, i))) for i in range(3)]
+        return weights[0] * slow[j].needed + weights[1] * told[j].needed + weights[2] * fast[j].needed
+
+    def errors(pace: float) -> np.ndarray:
+        return errors_of([TorqueRows(rows.given, needed(j, pace), rows.free) for j, rows in enumerate(told)])
+
+    by_pace = [errors(pace) for pace in _PACES]
+    best = int(np.argmin([float(np.nansum(np.log(error))) for error in by_pace]))
+    pace, after = float(_PACES[best]), by_pace[best]
+    if abs(pace - 1.0) > _LEAST_PACE:
+        joints, same = tuple(np.flatnonzero(np.isfinite(after)).tolist()), np.ones(len(after))
+        said = f"a second of the recordings is {1.0 / pace:.3g} s"
+        yield Misreading(said, "the times or the rate of rows", joints, after, Reading(same, same, pace=pace))
