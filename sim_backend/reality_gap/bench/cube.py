@@ -83,7 +83,7 @@ def judge_case(case: CubeCase, study: CubeStudy, without: CubeStudy | None = Non
         error = float(np.linalg.norm([cause.value for cause in own] - true[: len(own)]) / np.linalg.norm(true - absent))
         if verdict.verdict is VerdictKind.NAMED and causes == (case.effect,):
             held = tuple(
-                low <= value <= high for value, (low, high) in zip(case.value, (c.interval_90 for c in own), strict=False)
+                bool(low <= value <= high) for value, (low, high) in zip(case.value, (c.interval_90 for c in own), strict=False)
             )
     left_out = None if without is None else str(without.verdict.verdict)
     return Judgement(case, verdict.verdict, causes, verdict.null_p or 1.0, study.pushes, error, held, left_out)

@@ -9,6 +9,7 @@ import json
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -19,9 +20,10 @@ from sim_backend.reality_gap.knowledge.cube import COUNTED, KINDS, Count, Kind
 from sim_backend.reality_gap.quantiles import MEDIAN_SIZE
 from sim_backend.reality_gap.subjects.cube.contact import CONTACT_NAMES
 from sim_backend.reality_gap.subjects.cube.healthy import PACKAGED, HealthyCubes
-from sim_backend.reality_gap.subjects.cube.hypotheses import Null, judge, largest_gains, misfit, without_worst
+from sim_backend.reality_gap.subjects.cube.hypotheses import Null, without_worst
 from sim_backend.reality_gap.subjects.cube.replay import PushReplay
 from sim_backend.reality_gap.subjects.cube.summary import NAMES, CubeEvidence, CubeSummary, evidence_of, summary_of_evidence
+from sim_backend.reality_gap.subjects.cube.support import supported
 from sim_backend.refusal import refused
 from sim_backend.workers.pool import Workers, WorkersError, open_workers
 
@@ -46,34 +48,46 @@ def calibrate(
     """
     whole = fit_null([summary_of_evidence(row) for row in sessions], jump_probabilities)
     kept = [summary_of_evidence(without_worst(row, whole)) for row in sessions]
-    told = _judged_apart(sessions, kept, jump_probabilities, 1.0)[2]
+    told = _judged_apart(sessions, kept, jump_probabilities, 1.0).told
     pushed = [critical for name, critical in _critical(told).items() if name.partition(".")[0] in KINDS[Kind.PUSHES]]
     breadth = max(1.0, float(np.median(pushed)) / GAUSSIAN_CRITICAL) ** 2
-    gains, misfits, told = _judged_apart(sessions, kept, jump_probabilities, breadth)
+    apart = _judged_apart(sessions, kept, jump_probabilities, breadth)
     null = fit_null(kept, jump_probabilities, breadth)
     summaries = [summary_of_evidence(without_worst(row, null)) for row in sessions]
-    limits = detection_limits(summaries, null, _critical(told))
-    sorted_gains = {kind: np.sort([row[kind] for row in gains]) for kind in KINDS}
-    return HealthyCubes(null, sorted_gains, np.sort(misfits), limits, tuple(seeds))
+    limits = detection_limits(summaries, null, _critical(apart.told))
+    gains = {kind: np.sort([row[kind] for row in apart.gains]) for kind in KINDS}
+    peaks = {kind: np.sort([row[kind] for row in apart.peaks if kind in row]) for kind in (Kind.TRACKER, Kind.PUSHES)}
+    return HealthyCubes(null, gains, np.sort(apart.misfits), peaks, limits, tuple(seeds))
+
+
+@dataclass
+class _Apart:
+    """Of each session largest gains, misfit per number, its farthest numbers, and what told tests see by effect."""
+
+    gains: list[dict[Kind, float]] = field(default_factory=list)
+    misfits: list[float] = field(default_factory=list)
+    peaks: list[dict[Kind, float]] = field(default_factory=list)
+    told: dict[str, list[float]] = field(default_factory=dict)
 
 
 def _judged_apart(
     sessions: Sequence[CubeEvidence], kept: Sequence[CubeSummary], jump_probabilities: Sequence[float], breadth: float
-) -> tuple[list[dict[Kind, float]], list[float], dict[str, list[float]]]:
-    """Of each session largest gains, misfit per number and what told tests see, by a scatter measured on other sessions."""
+) -> _Apart:
+    """What is seen of each session by a scatter measured on other sessions."""
     folds = np.arange(len(sessions)) % _FOLDS
-    gains, misfits, told = [], [], dict[str, list[float]]()
+    apart = _Apart()
     for fold in range(_FOLDS):
         others = np.flatnonzero(folds != fold).tolist()
         without = fit_null([kept[i] for i in others], [jump_probabilities[i] for i in others], breadth)
         for i in np.flatnonzero(folds == fold).tolist():
-            row = summary_of_evidence(without_worst(sessions[i], without))
-            gains.append(largest_gains(judge(row, without)))
-            squares, numbers = misfit(row, without)
-            misfits.append(squares / numbers)
-            for name, scores in told_scores(row, without).items():
-                told.setdefault(name, []).extend(np.abs(scores))
-    return gains, misfits, told
+            evidence = without_worst(sessions[i], without)
+            seen = supported(evidence, without)
+            apart.gains.append(seen.gains())
+            apart.misfits.append(seen.misfit())
+            apart.peaks.append(seen.peaks())
+            for name, scores in told_scores(summary_of_evidence(evidence), without).items():
+                apart.told.setdefault(name, []).extend(np.abs(scores))
+    return apart
 
 
 def _critical(told: Mapping[str, Sequence[float]]) -> dict[str, float]:
@@ -153,8 +167,8 @@ def healthy_evidence(seeds: range, workers: Workers, progress: Callable[[str], N
 def main(arguments: list[str] | None = None) -> int:
     """The command; see the module's docstring."""
     parser = argparse.ArgumentParser(prog="python -m sim_backend.reality_gap.bench.cube_calibration", description=__doc__)
-    parser.add_argument("--sessions", type=int, default=160)
-    parser.add_argument("--seed", type=int, default=740000, help="of the first session")
+    parser.add_argument("--sessions", type=int, default=400)
+    parser.add_argument("--seed", type=int, default=760000, help="of the first session")
     parser.add_argument("--out", type=Path, default=PACKAGED)
     parser.add_argument("--processes", type=int, default=2, metavar="N", help="that work side by side (%(default)s)")
     parser.add_argument("--cluster", metavar="ADDRESS", help="Ray that has the processes: local, or HOST:PORT")

@@ -14,6 +14,7 @@ from sim_backend.reality_gap.knowledge.healthy import CUBES_FILE
 from sim_backend.reality_gap.subjects.cube.hypotheses import Null
 from sim_backend.reality_gap.subjects.cube.summary import NAMES
 
+FORMAT = 3
 PACKAGED = CUBES_FILE.with_suffix(".json")
 
 
@@ -25,6 +26,7 @@ class HealthyCubes:
         null: scatter over healthy sessions.
         gains: by kind of hypotheses the largest gain of each healthy session by a scatter measured without it, increasing.
         misfits: misfit per number of each healthy session, likewise.
+        peaks: by kind how far off the farthest of its numbers is in each healthy session, likewise.
         limits: detection limits by effect and side, in the parameter's unit.
         seeds: first seed and number of sessions of each group.
     """
@@ -32,28 +34,39 @@ class HealthyCubes:
     null: Null
     gains: Mapping[Kind, np.ndarray]
     misfits: np.ndarray
+    peaks: Mapping[Kind, np.ndarray]
     limits: dict[str, float]
     seeds: tuple[tuple[int, int], ...]
 
     def gain_p(self, kind: Kind, gain: float) -> float:
         """Probability that hypotheses of this kind gain so much by chance.
 
-        The share of healthy sessions that do, but at least what Gaussian numbers and as many hypotheses would give.
+        The share of healthy sessions that do, but at least what Gaussian numbers and as many hypotheses would give; of pushes,
+        whose gain is that without the push that adds most, the share alone.
         """
         healthy = self.gains[kind]
         share = float((1 + (healthy >= gain).sum()) / (1 + len(healthy)))
+        if kind is Kind.PUSHES:
+            return share
         return max(share, min(1.0, len(KINDS[kind]) * float(stats.chi2.sf(2.0 * max(gain, 0.0), 1))))
 
     def misfit_p(self, per_number: float) -> float:
         """Share of healthy sessions that lie at least so far off."""
         return float((1 + (self.misfits >= per_number).sum()) / (1 + len(self.misfits)))
 
+    def peak_p(self, kind: Kind, peak: float) -> float:
+        """Share of healthy sessions in which some number of this kind lies at least so far off."""
+        return float((1 + (self.peaks[kind] >= peak).sum()) / (1 + len(self.peaks[kind])))
+
     def document(self) -> dict[str, Any]:
         """Plain values for JSON."""
         null = {name: np.asarray(value).round(10).tolist() for name, value in asdict(self.null).items()}
-        gains = {kind: np.round(values, 4).tolist() for kind, values in self.gains.items()}
-        arrays = {"gains": gains, "misfits": np.round(self.misfits, 4).tolist()}
-        return {"format": 2, "names": NAMES, "seeds": self.seeds, "limits": self.limits, **arrays, "null": null}
+        by_kind = {
+            name: {kind: np.round(values, 4).tolist() for kind, values in kinds.items()}
+            for name, kinds in (("gains", self.gains), ("peaks", self.peaks))
+        }
+        arrays = by_kind | {"misfits": np.round(self.misfits, 4).tolist()}
+        return {"format": FORMAT, "names": NAMES, "seeds": self.seeds, "limits": self.limits, **arrays, "null": null}
 
 
 def load_calibration(path: Path = PACKAGED) -> HealthyCubes:
@@ -63,9 +76,10 @@ def load_calibration(path: Path = PACKAGED) -> HealthyCubes:
         ValueError: it was made for other numbers than this version looks at.
     """
     document = json.loads(path.read_text(encoding="utf-8"))
-    if document["format"] != 2 or tuple(document["names"]) != NAMES:
+    if document["format"] != FORMAT or tuple(document["names"]) != NAMES:
         raise ValueError(f"{path} was made for other numbers; run python -m sim_backend.reality_gap.bench.cube_calibration again")
     null = document["null"]
     null |= {"mean": np.array(null["mean"]), "covariance": np.array(null["covariance"])}
-    gains, misfits = {Kind(kind): np.array(values) for kind, values in document["gains"].items()}, np.array(document["misfits"])
-    return HealthyCubes(Null(**null), gains, misfits, document["limits"], tuple(map(tuple, document["seeds"])))
+    gains, peaks = ({Kind(kind): np.array(values) for kind, values in document[name].items()} for name in ("gains", "peaks"))
+    seeds = tuple(map(tuple, document["seeds"]))
+    return HealthyCubes(Null(**null), gains, np.array(document["misfits"]), peaks, document["limits"], seeds)

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim_backend.reality_gap.knowledge.cube import COUNTED, KINDS, LINEAR, TABLED, Count, Kind, Linear, Tabled
+from sim_backend.reality_gap.subjects.cube.contact import CONTACT_NAMES
 from sim_backend.reality_gap.subjects.cube.counts import count_gain
 from sim_backend.reality_gap.subjects.cube.offset import best_offset
 from sim_backend.reality_gap.subjects.cube.summary import NAMES, CubeEvidence, CubeSummary, summary_of_evidence
@@ -84,11 +85,17 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Judged:
-    """A hypothesis at its best numbers: ``gain`` in nats over a healthy session, already less one for each further number."""
+    """A hypothesis at its best numbers.
+
+    Attributes:
+        gain: in nats over a healthy session, already less one for each further number.
+        left: what it leaves of the whitened session, shape (kept,); all of it if it shows in a count.
+    """
 
     effect: str
     gain: float
     estimates: tuple[Estimate, ...]
+    left: np.ndarray
 
 
 _EXPONENTIAL = {"log_delay_std", "log_interval", "log_noise_m", "log_noise_rad"}
@@ -119,7 +126,7 @@ def judge(summary: CubeSummary, null: Null, without: Collection[str] = ()) -> li
     seen = whitened(summary, null)
     found = [_offset(row, summary, null, seen) if row.is_place else _linear(row, summary, null, seen) for row in LINEAR]
     found += [_tabled(row, summary, seen) for row in TABLED]
-    rows = [row for row in (*found, *_counted(summary, null)) if row is not None and row.effect not in without]
+    rows = [row for row in (*found, *_counted(summary, null, seen.vector)) if row is not None and row.effect not in without]
     return sorted(rows, key=lambda judged: -judged.gain)
 
 
@@ -128,10 +135,20 @@ def largest_gains(ranking: Collection[Judged]) -> dict[Kind, float]:
     return {kind: max([row.gain for row in ranking if row.effect in effects], default=0.0) for kind, effects in KINDS.items()}
 
 
-def misfit(summary: CubeSummary, null: Null) -> tuple[float, int]:
-    """How far the vector lies from healthy ones, as a sum of squares, and of how many numbers."""
-    seen = whitened(summary, null)
-    return float(seen.vector @ seen.vector), len(seen.kept)
+def farthest(seen: WhitenedSession, left: np.ndarray) -> dict[Kind, float]:
+    """Of the tracker's numbers and of those of pushes how far off the farthest is for itself, standard deviations.
+
+    A cause that moves one number alone hides in the misfit of all, among those that it leaves alone.
+
+    Args:
+        seen: a session.
+        left: its vector, or what a hypothesis leaves of it, shape (kept,).
+    """
+    ways = seen.of(np.eye(len(NAMES))[seen.kept])
+    scores = np.abs(ways @ left) / np.linalg.norm(ways, axis=1)
+    pushed = np.isin(np.array(NAMES)[seen.kept], CONTACT_NAMES)
+    kinds = {Kind.TRACKER: scores[~pushed], Kind.PUSHES: scores[pushed]}
+    return {kind: float(of_kind.max()) for kind, of_kind in kinds.items() if len(of_kind)}
 
 
 def without_worst(evidence: CubeEvidence, null: Null) -> CubeEvidence:
@@ -149,7 +166,8 @@ def without_worst(evidence: CubeEvidence, null: Null) -> CubeEvidence:
 
 def _unexplained(summary: CubeSummary, null: Null) -> float:
     """Misfit, as a sum of squares, less what the best hypothesis about pushes explains of it."""
-    return misfit(summary, null)[0] - 2.0 * largest_gains(judge(summary, null))[Kind.PUSHES]
+    seen = whitened(summary, null)
+    return float(seen.vector @ seen.vector) - 2.0 * largest_gains(judge(summary, null))[Kind.PUSHES]
 
 
 def _linear(row: Linear, summary: CubeSummary, null: Null, seen: WhitenedSession) -> Judged | None:
@@ -163,7 +181,7 @@ def _linear(row: Linear, summary: CubeSummary, null: Null, seen: WhitenedSession
     std = np.sqrt(np.diag(np.linalg.inv(information)))
     gain = 0.5 * float(best @ information @ best) - float(said.sum() - 1)
     estimates = [_estimate(row, int(i), float(best[k]), float(std[k]), null) for k, i in enumerate(np.flatnonzero(said))]
-    return Judged(row.effect, gain, tuple(estimates))
+    return Judged(row.effect, gain, tuple(estimates), seen.vector - columns[:, said] @ best)
 
 
 def moved_by(row: Linear, i: int, summary: CubeSummary) -> np.ndarray:
@@ -192,7 +210,8 @@ def _offset(row: Linear, summary: CubeSummary, null: Null, seen: WhitenedSession
         ways.append(np.stack([np.interp(fine, values, column) for column in seen.of(moves).T], axis=1))
     best, std, gain = best_offset(seen.vector, fine, ways[0], ways[1], height)
     estimates = [_estimate(row, i, float(best[i]), float(std[i]), null) for i in range(3)]
-    return Judged(row.effect, gain - 2.0, tuple(estimates))
+    across = [way[int(np.searchsorted(fine, value))] for way, value in zip(ways, best[:2], strict=True)]
+    return Judged(row.effect, gain - 2.0, tuple(estimates), seen.vector - across[0] - across[1] - best[2] * height)
 
 
 def _estimate(row: Linear, i: int, best: float, std: float, null: Null) -> Estimate:
@@ -223,7 +242,8 @@ def _tabled(row: Tabled, summary: CubeSummary, seen: WhitenedSession) -> Judged 
     left, right = max(k - 1, 0), min(k + 1, FINE - 1)
     slope = np.linalg.norm(ways[right] - ways[left]) / (fine[right] - fine[left])
     gain = 0.5 * float(seen.vector @ seen.vector - squares[k])
-    return Judged(effect, gain, (Estimate(effect, parameter, where, float(fine[k]), "", float(1.0 / max(slope, 1e-9))),))
+    estimate = Estimate(effect, parameter, where, float(fine[k]), "", float(1.0 / max(slope, 1e-9)))
+    return Judged(effect, gain, (estimate,), seen.vector - ways[k])
 
 
 def response_table(summary: CubeSummary, effect: str, nominal: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
@@ -246,7 +266,7 @@ def response_table(summary: CubeSummary, effect: str, nominal: float = 1.0) -> t
     return values, np.concatenate([[ends[0][1]], moves, [ends[1][1]]])
 
 
-def _counted(summary: CubeSummary, null: Null) -> list[Judged]:
+def _counted(summary: CubeSummary, null: Null, left: np.ndarray) -> list[Judged]:
     if summary.tracker is None:
         return []
     found = []
@@ -257,5 +277,5 @@ def _counted(summary: CubeSummary, null: Null) -> list[Judged]:
         rate = seen.count / seen.frames
         value, std = rate / seen.share, float(np.sqrt(max(seen.count, 1))) / seen.frames / seen.share
         gain = count_gain(seen.count, seen.frames, seen.usual, seen.spread) if rate > seen.usual else 0.0
-        found.append(Judged(row.effect, gain, (Estimate(row.effect, "probability", "camera", value, "", std),)))
+        found.append(Judged(row.effect, gain, (Estimate(row.effect, "probability", "camera", value, "", std),), left))
     return found

@@ -1,6 +1,6 @@
 """Which cause of the tracker or the cube is at work in logs of one robot: pushes of a cube and a cube at rest."""
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,10 +13,11 @@ from sim_backend.reality_gap.recording import Recording
 from sim_backend.reality_gap.subjects.cube.contact import contact_summary
 from sim_backend.reality_gap.subjects.cube.counts import count_p
 from sim_backend.reality_gap.subjects.cube.healthy import HealthyCubes, load_calibration
-from sim_backend.reality_gap.subjects.cube.hypotheses import Judged, judge, largest_gains, misfit, seen_count, without_worst
+from sim_backend.reality_gap.subjects.cube.hypotheses import Judged, Null, judge, seen_count, without_worst
 from sim_backend.reality_gap.subjects.cube.replay import PushReplay, Replayed
 from sim_backend.reality_gap.subjects.cube.summary import NAMES, CubeEvidence, CubeSummary, summary_of, summary_of_evidence
-from sim_backend.reality_gap.subjects.cube.tracker import tracker_statistics
+from sim_backend.reality_gap.subjects.cube.support import Supported, supported
+from sim_backend.reality_gap.subjects.cube.tracker import TrackerStatistics, tracker_statistics
 from sim_backend.reality_gap.subjects.cube.windows import LEAST_PUSHES, all_push_windows
 from sim_backend.reality_gap.verdict import Cause, Rival, Verdict, VerdictKind
 
@@ -24,13 +25,15 @@ GATE_P = 0.0125
 """A gain that so many healthy sessions reach is chance; each kind of hypotheses has gains of its own."""
 MISFIT_P = 0.0075
 """As much for the misfit of the whole vector, whatever causes it."""
+PEAK_P = 0.005
+"""As much for the number that is farthest off for itself."""
 COUNT_P = 0.001
 """As much for losses and jumps that no hypothesis is there for."""
 MARGIN = 2.0
 """Nats by which the best hypothesis must lead, or the next ones may be the cause as well."""
-EXPLAINED, REMAINDER_P = 0.78, 0.025
-"""Something else is at work if a cause explains less than this share of what is beyond a healthy session's misfit, and what it
-leaves is more than so many healthy sessions have."""
+MOST_LEFT, REMAINDER_P, REMAINDER_PEAK_P = 0.22, 0.025, 0.01
+"""Something else is at work if a cause leaves more than this share of what is beyond a healthy session's misfit and that is more
+than so many healthy sessions have, or if a number that it leaves is farther off than in so many."""
 MAX_CONFUSABLE = 3
 _RESAMPLES, _SOLID = 40, 0.8
 
@@ -86,59 +89,67 @@ def study_evidence(
         return CubeStudy(verdict, (), 0, 0.0)
     kept = without_worst(evidence, calibration.null)
     summary, pushes = summary_of_evidence(kept), len(evidence.replayed)
-    ranking = _ranked(summary, calibration, without)
-    chosen = _chosen(ranking, summary, kept.replayed, rng, calibration, without)
-    verdict = _verdict(ranking, summary, calibration, chosen, pushes)
-    return CubeStudy(verdict, ranking, pushes, chosen)
+    seen = supported(kept, calibration.null, without)
+    beyond_chance = _beyond_chance(seen, calibration)
+    ranking = _ranked(seen.ranking, beyond_chance)
+    chosen = _chosen(ranking[0].effect, summary.tracker, kept.replayed, beyond_chance, rng, calibration.null, without)
+    return CubeStudy(_verdict(ranking, summary, seen, calibration, chosen, pushes), ranking, pushes, chosen)
 
 
-def _ranked(summary: CubeSummary, calibration: HealthyCubes, without: Collection[str]) -> tuple[Judged, ...]:
+def _beyond_chance(seen: Supported, calibration: HealthyCubes) -> frozenset[str]:
+    """Effects of the kinds that gain more than chance."""
+    kinds = [kind for kind, gain in seen.gains().items() if calibration.gain_p(kind, gain) <= GATE_P]
+    return frozenset(effect for kind in kinds for effect in KINDS[kind])
+
+
+def _ranked(by_gain: Sequence[Judged], beyond_chance: Collection[str]) -> tuple[Judged, ...]:
     """Hypotheses, those of kinds that gain more than chance before the others, within each by their gain."""
-    ranking = judge(summary, calibration.null, without)
-    beyond = {effect for kind in _beyond_chance(ranking, calibration) for effect in KINDS[kind]}
-    return tuple(sorted(ranking, key=lambda row: (row.effect not in beyond, -row.gain)))
-
-
-def _beyond_chance(ranking: Sequence[Judged], calibration: HealthyCubes) -> list[Kind]:
-    return [kind for kind, gain in largest_gains(ranking).items() if calibration.gain_p(kind, gain) <= GATE_P]
+    return tuple(sorted(by_gain, key=lambda row: (row.effect not in beyond_chance, -row.gain)))
 
 
 def _chosen(
-    ranking: Sequence[Judged],
-    summary: CubeSummary,
+    best: str,
+    tracker: TrackerStatistics | None,
     replayed: Sequence[Replayed],
+    beyond_chance: Collection[str],
     rng: np.random.Generator,
-    calibration: HealthyCubes,
+    null: Null,
     without: Collection[str],
 ) -> float:
+    """Share of resamples of the pushes in which the best hypothesis is the best, too."""
     if len(replayed) < 2:
         return 1.0
     same = 0
     for _ in range(_RESAMPLES):
         picked = [replayed[i] for i in rng.integers(len(replayed), size=len(replayed))]
-        again = _ranked(summary_of(summary.tracker, contact_summary(picked)), calibration, without)
-        same += again[0].effect == ranking[0].effect
+        again = judge(summary_of(tracker, contact_summary(picked)), null, without)
+        same += _ranked(again, beyond_chance)[0].effect == best
     return same / _RESAMPLES
 
 
-def _verdict(ranking: Sequence[Judged], summary: CubeSummary, calibration: HealthyCubes, chosen: float, pushes: int) -> Verdict:
-    best = ranking[0]
-    p = min(calibration.gain_p(kind, gain) for kind, gain in largest_gains(ranking).items())
-    beyond_chance = {effect for kind in _beyond_chance(ranking, calibration) for effect in KINDS[kind]}
-    squares, numbers = misfit(summary, calibration.null)
-    far = calibration.misfit_p(squares / numbers) <= MISFIT_P
+def _verdict(
+    ranking: Sequence[Judged], summary: CubeSummary, seen: Supported, calibration: HealthyCubes, chosen: float, pushes: int
+) -> Verdict:
+    best, beyond_chance = ranking[0], _beyond_chance(seen, calibration)
+    p = min(calibration.gain_p(kind, gain) for kind, gain in seen.gains().items())
     cannot, record = _limits_of_log(pushes)
     shared = {"null_p": 1.0 - (1.0 - p) ** len(KINDS), "cannot_tell": cannot, "record_next": record}
-    if not beyond_chance and not far and not _many(summary, calibration):
+    is_far = calibration.misfit_p(seen.misfit()) <= MISFIT_P
+    if not (beyond_chance or is_far or _is_odd(seen.peaks(), calibration, PEAK_P) or _many(summary, calibration)):
         text = f"cube and tracker are as those of a healthy robot (p {shared['null_p']:.2g})"
         return Verdict(VerdictKind.NOTHING_WRONG, text, **shared)
-    excess = squares - float(np.median(calibration.misfits)) * numbers
-    explained = 2.0 * best.gain if best.effect not in KINDS[Kind.COUNTS] else 0.0
-    remains = calibration.misfit_p((squares - explained) / numbers) <= REMAINDER_P
-    if (far and remains and explained < EXPLAINED * excess) or not (beyond_chance or far):
-        text = f"something is wrong, but {best.effect} explains only {explained / max(excess, 1e-9):.0%} of it"
+    usual = float(np.median(calibration.misfits))
+    left = (seen.misfit(best.effect) - usual) / max(seen.misfit() - usual, 1e-9)
+    is_partly = is_far and left > MOST_LEFT and calibration.misfit_p(seen.misfit(best.effect)) <= REMAINDER_P
+    if is_partly or _is_odd(seen.peaks(best.effect), calibration, REMAINDER_PEAK_P) or best.effect not in beyond_chance:
+        text = f"something is wrong, but {best.effect} explains only {min(max(1.0 - left, 0.0), 1.0):.0%} of it"
         return Verdict(VerdictKind.UNEXPLAINED, text, follows=_follows(summary, calibration), **shared)
-    return _naming(ranking, beyond_chance or {row.effect for row in ranking}, chosen, shared)
+    return _naming(ranking, beyond_chance, chosen, shared)
+
+
+def _is_odd(peaks: Mapping[Kind, float], calibration: HealthyCubes, least_p: float) -> bool:
+    """Whether a number for itself is farther off than those of healthy sessions."""
+    return any(calibration.peak_p(kind, peak) <= least_p for kind, peak in peaks.items())
 
 
 def _many(summary: CubeSummary, calibration: HealthyCubes) -> tuple[str, ...]:

@@ -16,7 +16,8 @@ from sim_backend.refusal import EXIT_UNUSABLE
 
 
 def _study(kind: VerdictKind, *effects: str) -> CubeStudy:
-    causes = tuple(Cause(effect, "factor", "cube", 1.2, "", (1.1, 1.3)) for effect in effects)
+    interval = (np.float64(1.1), np.float64(1.3))  # as fits give them
+    causes = tuple(Cause(effect, "factor", "cube", np.float64(1.2), "", interval) for effect in effects)
     return CubeStudy(Verdict(kind, "", causes, null_p=0.01), (), 5, 1.0)
 
 
@@ -51,7 +52,9 @@ def test_intervals_count_where_the_effect_is_named_alone(said, held):
     judged = judge_case(CubeCase("effect-000", 1, "cube_mass", 2.0, (1.25,)), _study(kind, *names))
     assert judged.held == held
     assert judge_case(CubeCase("effect-000", 1, "cube_mass", 2.0, (1.35,)), _study(kind, *names)).held == (False,) * len(held)
-    assert results([judged], load_calibration(), {})["interval_coverage"]["n"] == len(held)
+    found = results([judged], load_calibration(), {})
+    assert found["interval_coverage"]["n"] == len(held)
+    assert json.dumps(found), "it is kept as JSON"
 
 
 def test_a_folder_with_all_sessions_is_judged_again_without_simulating(tmp_path, capsys):

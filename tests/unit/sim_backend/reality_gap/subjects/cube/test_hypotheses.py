@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sim_backend.reality_gap.knowledge.cube import TRIALS
+from sim_backend.reality_gap.knowledge.cube import TRIALS, Kind
 from sim_backend.reality_gap.subjects.cube.contact import CONTACT_NAMES, ContactSummary
 from sim_backend.reality_gap.subjects.cube.counts import count_gain
 from sim_backend.reality_gap.subjects.cube.healthy import load_calibration
-from sim_backend.reality_gap.subjects.cube.hypotheses import judge, misfit, response_table, without_worst
+from sim_backend.reality_gap.subjects.cube.hypotheses import farthest, judge, response_table, whitened, without_worst
 from sim_backend.reality_gap.subjects.cube.replay import Replayed
 from sim_backend.reality_gap.subjects.cube.summary import NAMES, TRACKER_NAMES, CubeEvidence, CubeSummary
 from sim_backend.reality_gap.subjects.cube.tracker import TrackerStatistics
@@ -43,7 +43,7 @@ def _summary(moved: dict[str, float], contact=None, **counts) -> CubeSummary:
 def test_a_healthy_vector_gains_nothing():
     summary = _summary({}, _contact())
     assert judge(summary, NULL)[0].gain < 1.0
-    assert misfit(summary, NULL) == (pytest.approx(0.0), len(NAMES))
+    assert np.allclose(whitened(summary, NULL).vector, 0.0)
 
 
 def test_a_late_tracker_is_named_with_its_delay():
@@ -51,6 +51,27 @@ def test_a_late_tracker_is_named_with_its_delay():
     assert best.effect == "tracking_latency"
     assert best.estimates[0].value == pytest.approx(0.02)
     assert 0.0 < best.estimates[0].std < 0.005
+
+
+def test_the_number_that_is_farthest_off_is_told_by_kind_and_gone_where_its_cause_is_fitted():
+    delay = NAMES.index("delay_s")
+    summary = _summary({"delay_s": 4.0 * float(np.sqrt(NULL.covariance[delay, delay]))}, _contact())
+    seen = whitened(summary, NULL)
+    assert farthest(seen, seen.vector) == {Kind.TRACKER: pytest.approx(4.0), Kind.PUSHES: pytest.approx(0.0, abs=1e-9)}
+    best = judge(summary, NULL)[0]
+    assert farthest(seen, best.left)[Kind.TRACKER] == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("effect", ["cube_mass", "tracking_offset", "cube_size"])
+def test_what_a_hypothesis_leaves_has_the_squares_that_it_does_not_gain(effect):
+    contact = _contact()
+    values, moves = response_table(_summary({}, contact), "cube_mass")
+    vector = NULL.mean + np.array([np.interp(1.2, values, column) for column in moves.T])
+    summary = CubeSummary(vector, contact, _tracker())
+    seen = whitened(summary, NULL)
+    (found,) = [row for row in judge(summary, NULL) if row.effect == effect]
+    further = len(found.estimates) - 1
+    assert found.left @ found.left == pytest.approx(seen.vector @ seen.vector - 2.0 * (found.gain + further), rel=1e-9)
 
 
 def test_another_rate_is_named_in_hertz():
