@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from sim_backend.reality_gap.knowledge.joint_effects import FITTED
+from sim_backend.reality_gap.knowledge.joint_effects import FITTED, plane_of
 from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, UnknownRobot
 from sim_backend.reality_gap.subjects.joints.laws.hypotheses import Hypothesis
 from sim_backend.reality_gap.subjects.joints.laws.moves import is_plausible, moved, refining_terms, within_reach
@@ -22,6 +22,8 @@ _PROXY_SHARE = {False: 0.04, True: 0.004}
 """A cause that gains less than this share of the largest one may only mend what that one's law leaves."""
 _PROXY_SHARE_OF_LEFT = 0.15
 """Where it is known what noise leaves: a cause must gain this share of what the laws leave beside it, for the same reason."""
+_STANDS = 0.5
+"""Of the value that a cause was chosen with, what must be left of it in the model."""
 _PROXY_SHARE_OF_COMMANDS = 0.001
 """Of effects that show in the torques that were sent: there, too, a law may mend another's, but by less."""
 
@@ -29,6 +31,8 @@ _PROXY_SHARE_OF_COMMANDS = 0.001
 @dataclass(frozen=True)
 class JointFit:
     """What forward selection came to; ``refused`` gained enough, but without held-out errors that fall.
+
+    ``fallen`` are causes whose values did not stand once less was granted beside them, by name.
 
     ``problem`` is the one that was given, or the same with many causes expected.
     """
@@ -40,6 +44,7 @@ class JointFit:
     final: Look
     errors: dict[tuple[str, str], np.ndarray] = field(default_factory=dict)
     refused: frozenset[tuple[str, str]] = frozenset()
+    fallen: frozenset[tuple[str, str]] = frozenset()
 
     @property
     def first(self) -> Look:
@@ -61,7 +66,11 @@ def select(
     confirms: Callable[[JointProblem, Look, Look], bool] = lambda *_: True,
     gates: Mapping[str, float] | None = None,
 ) -> JointFit:
-    """Take causes one after the other.
+    """Take causes one after the other, and of a TriFinger with few causes only those that stand.
+
+    Causes are chosen while masses, torques and friction of the whole robot may be off as in a healthy one, which keeps healthy
+    errors from passing for causes. Values are fitted with less of that. A cause whose value then collapses was only good with
+    it: it is left out, and the choice is made again; if nothing else is found, it stays as it was.
 
     Args:
         problem: the episodes, and the model to start from.
@@ -71,16 +80,54 @@ def select(
         gates: least gain of a cause of each effect, where healthy sessions tell.
         confirms: whether a cause is worth it, told the problem and the looks without and with it; if not, the next best is tried.
     """
-    state = problem.start
-    looks, accepted, refused, again = [problem.look(state, ())], [], set(), set()
-    if looks[0].noise_ratio.max() > MANY_CAUSES:
+    first = problem.look(problem.start, ())
+    if first.noise_ratio.max() > MANY_CAUSES:
         problem = replace(problem, expects_many=True)
-        looks = [problem.look(state, ())]
+        first = problem.look(problem.start, ())
+
+    def chosen(without: frozenset[tuple[str, str]]) -> JointFit:
+        return _chosen(problem, first, without, gate, progress, min_share, confirms, gates or {})
+
+    fit, without = chosen(frozenset()), frozenset[tuple[str, str]]()
+    found = fit
+    while fallen := _fallen(found):
+        without |= fallen
+        found = chosen(without)
+    return replace(found, fallen=without) if found.accepted else fit
+
+
+def _fallen(fit: JointFit) -> frozenset[tuple[str, str]]:
+    """Causes of which less than half is left in the values that the model gets, by name."""
+    start, fallen = fit.problem.start, set[tuple[str, str]]()
+    for a in fit.accepted:
+        term = a.terms[0]
+        if plane_of(a.effect) is not None:
+            continue  # a size and a place, of which a model has other numbers
+        here = float(start.value(term.key)[term.index])
+        chosen, left = (float(state.value(term.key)[term.index]) - here for state in (fit.last.state, fit.state))
+        if chosen * left < _STANDS * chosen**2:
+            fallen.add((a.effect, a.where))
+    return frozenset(fallen)
+
+
+def _chosen(
+    problem: JointProblem,
+    first: Look,
+    without: frozenset[tuple[str, str]],
+    gate: float,
+    progress: Progress,
+    min_share: float,
+    confirms: Callable[[JointProblem, Look, Look], bool],
+    gates: Mapping[str, float],
+) -> JointFit:
+    """The causes that are taken, some left out, and the model with them; other arguments as of :func:`select`."""
+    state = problem.start
+    looks, accepted, refused, again = [first], [], set(), set()
     tried = 0
     while len(accepted) < MAX_CAUSES and len(refused) < MAX_REFUSED:
         look = looks[-1]
         least = _later_gain(problem, look, accepted, min_share)
-        best = look.best_without(refused | again, lambda effect: max((gates or {}).get(effect, gate), least(effect)))  # noqa: B023
+        best = look.best_without(refused | again | without, lambda effect: max(gates.get(effect, gate), least(effect)))  # noqa: B023
         if best is None:
             break
         progress(f"{best.hypothesis.effect}, {best.hypothesis.where}", 0.9 - 0.7 * 0.85**tried)

@@ -217,14 +217,19 @@ def _found(finding: Finding, names: tuple[str, ...]) -> Cause:
 def _is_shown(finding: Finding, study: JointStudy) -> bool:
     """Not what another cause leaves, which looks like noise, and holds a joint where it should not be.
 
-    Of a robot that nobody knows only readings are asked for noise, and no cause of motion makes them white.
+    A cause that is too little to be one leaves none. Of a robot that nobody knows only readings are asked for noise, and no
+    cause of motion makes them white.
     """
     where = place(study.problem.names, finding.joint)
     if finding.sign not in SENSOR_NOISE | FELT | ENDS or isinstance(study.robot, UnknownRobot):
         return True
     same = (where.partition("_")[0] if finding.sign in ENDS else where, "platform", "all")
-    others = [a for a in study.fit.accepted if not (finding.sign is Sign.VELOCITY_NOISE and _is_of_noise(a))]
-    return not any(a.where.startswith(same) for a in others)
+    others = [
+        a
+        for a in study.fit.accepted
+        if a.where.startswith(same) and not (finding.sign is Sign.VELOCITY_NOISE and _is_of_noise(a))
+    ]
+    return all(own and is_too_little(study, own) for own in (causes_of(study, a) for a in others))
 
 
 def _is_of_noise(accepted: Accepted) -> bool:
@@ -261,9 +266,8 @@ def _rival(study: JointStudy, accepted: Accepted) -> tuple[Rival, list[Cause]] |
     taken = next((c for c in look.candidates if c.hypothesis.name == (accepted.effect, accepted.where)), None)
     if taken is None:
         return None
-    later = {(a.effect, a.where) for a in study.fit.accepted} | (
-        study.fit.refused if isinstance(study.robot, UnknownRobot) else set()
-    )
+    refuted = study.fit.refused if isinstance(study.robot, UnknownRobot) else study.fit.fallen
+    later = {(a.effect, a.where) for a in study.fit.accepted} | refuted
     for candidate in look.candidates:
         h = candidate.hypothesis
         is_next_door = is_single and h.where != accepted.where and _is_bent(accepted, study.robot)

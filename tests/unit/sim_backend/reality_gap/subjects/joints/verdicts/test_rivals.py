@@ -24,7 +24,7 @@ def candidate(effect, where, gain):
 def study(*looks):
     start = JointState(2)
     made = [SimpleNamespace(candidates=look, catalogue=SimpleNamespace(terms=()), state=start) for look in looks]
-    fit = SimpleNamespace(looks=made, accepted=(), refused=frozenset())
+    fit = SimpleNamespace(looks=made, accepted=(), refused=frozenset(), fallen=frozenset())
     problem = SimpleNamespace(expects_many=False)
     return SimpleNamespace(fit=fit, problem=problem, robot=TRIFINGER, gates={}, gate=12.0, start=start)
 

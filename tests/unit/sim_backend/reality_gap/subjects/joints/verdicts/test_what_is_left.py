@@ -73,7 +73,9 @@ def test_a_noisy_velocity_looks_filtered_and_no_filter_makes_noise(gain, kept):
     late = Accepted("velocity_filter", "elbow", (), gain)
     noise = Finding(Sign.VELOCITY_NOISE, 1, 0.12, (0.1, 0.14), 3.0)
     study = SimpleNamespace(
-        fit=SimpleNamespace(accepted=[late]),
+        fit=SimpleNamespace(accepted=[late], state=None, errors={("velocity_filter", "elbow"): np.zeros(0)}),
+        start=None,
+        is_of_many=False,
         findings=[noise],
         problem=SimpleNamespace(names=("shoulder", "elbow")),
         robot=KnownTriFinger(NO_SESSIONS),
