@@ -57,14 +57,15 @@ def calibrate(
     limits = detection_limits(summaries, null, _critical(apart.told))
     gains = {kind: np.sort([row[kind] for row in apart.gains]) for kind in KINDS}
     peaks = {kind: np.sort([row[kind] for row in apart.peaks if kind in row]) for kind in (Kind.TRACKER, Kind.PUSHES)}
-    return HealthyCubes(null, gains, np.sort(apart.misfits), peaks, limits, tuple(seeds))
+    return HealthyCubes(null, gains, np.sort(apart.push_gains), np.sort(apart.misfits), peaks, limits, tuple(seeds))
 
 
 @dataclass
 class _Apart:
-    """Of each session largest gains, misfit per number, its farthest numbers, and what told tests see by effect."""
+    """Of each session largest gains, and without any one push; misfit per number, farthest numbers, and what told tests see."""
 
     gains: list[dict[Kind, float]] = field(default_factory=list)
+    push_gains: list[float] = field(default_factory=list)
     misfits: list[float] = field(default_factory=list)
     peaks: list[dict[Kind, float]] = field(default_factory=list)
     told: dict[str, list[float]] = field(default_factory=dict)
@@ -83,6 +84,7 @@ def _judged_apart(
             evidence = without_worst(sessions[i], without)
             seen = supported(evidence, without)
             apart.gains.append(seen.gains())
+            apart.push_gains.append(seen.push_gain())
             apart.misfits.append(seen.misfit())
             apart.peaks.append(seen.peaks())
             for name, scores in told_scores(summary_of_evidence(evidence), without).items():

@@ -38,6 +38,7 @@ class Linear:
         nominal: value of its numbers in a nominal robot.
         usual: what healthy robots have of it beyond that, the middle of its range in ``healthy_cubes.toml``.
         is_rate: whether the number is one over what is moved.
+        is_more: whether its numbers can only add to what healthy robots have: less noise than usual is no fault.
         is_place: whether the first two numbers are read off tables from replays, and the third is a height.
     """
 
@@ -49,6 +50,7 @@ class Linear:
     nominal: float = 0.0
     usual: float = 0.0
     is_rate: bool = False
+    is_more: bool = False
     is_place: bool = False
 
 
@@ -77,13 +79,14 @@ class Counted:
 
 LINEAR = (
     Linear("tracking_latency", Kind.TRACKER, (("extra_s", "camera", "s"),), ({"delay_s": 1.0},)),
-    Linear("tracking_jitter", Kind.TRACKER, (("std_s", "camera", "s"),), ({"log_delay_std": 1.0},)),
+    Linear("tracking_jitter", Kind.TRACKER, (("std_s", "camera", "s"),), ({"log_delay_std": 1.0},), is_more=True),
     Linear("tracking_rate", Kind.TRACKER, (("rate_hz", "camera", "Hz"),), ({"log_interval": 1.0},), is_rate=True),
     Linear(
         "tracking_noise",
         Kind.TRACKER,
         (("position_m", "camera", "m"), ("rotation_rad", "camera", "rad")),
         ({"log_noise_m": 1.0}, {"log_noise_rad": 1.0}),
+        is_more=True,
     ),
     Linear("colour_segmentation", Kind.TRACKER, (("missed", "camera", ""),), ({"confidence": -0.7},), usual=0.03),
     Linear(

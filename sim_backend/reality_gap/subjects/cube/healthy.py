@@ -25,6 +25,7 @@ class HealthyCubes:
     Attributes:
         null: scatter over healthy sessions.
         gains: by kind of hypotheses the largest gain of each healthy session by a scatter measured without it, increasing.
+        push_gains: of each healthy session, of the best hypothesis about pushes without the push that it gains most by, likewise.
         misfits: misfit per number of each healthy session, likewise.
         peaks: by kind how far off the farthest of its numbers is in each healthy session, likewise.
         limits: detection limits by effect and side, in the parameter's unit.
@@ -33,6 +34,7 @@ class HealthyCubes:
 
     null: Null
     gains: Mapping[Kind, np.ndarray]
+    push_gains: np.ndarray
     misfits: np.ndarray
     peaks: Mapping[Kind, np.ndarray]
     limits: dict[str, float]
@@ -41,22 +43,22 @@ class HealthyCubes:
     def gain_p(self, kind: Kind, gain: float) -> float:
         """Probability that hypotheses of this kind gain so much by chance.
 
-        The share of healthy sessions that do, but at least what Gaussian numbers and as many hypotheses would give; of pushes,
-        whose gain is that without the push that adds most, the share alone.
+        The share of healthy sessions that do, but at least what Gaussian numbers and as many hypotheses would give.
         """
-        healthy = self.gains[kind]
-        share = float((1 + (healthy >= gain).sum()) / (1 + len(healthy)))
-        if kind is Kind.PUSHES:
-            return share
+        share = _share(self.gains[kind], gain)
         return max(share, min(1.0, len(KINDS[kind]) * float(stats.chi2.sf(2.0 * max(gain, 0.0), 1))))
 
     def misfit_p(self, per_number: float) -> float:
         """Share of healthy sessions that lie at least so far off."""
-        return float((1 + (self.misfits >= per_number).sum()) / (1 + len(self.misfits)))
+        return _share(self.misfits, per_number)
+
+    def push_gain_p(self, gain: float) -> float:
+        """Share of healthy sessions in which a hypothesis gains so much without any one push."""
+        return _share(self.push_gains, gain)
 
     def peak_p(self, kind: Kind, peak: float) -> float:
         """Share of healthy sessions in which some number of this kind lies at least so far off."""
-        return float((1 + (self.peaks[kind] >= peak).sum()) / (1 + len(self.peaks[kind])))
+        return _share(self.peaks[kind], peak)
 
     def document(self) -> dict[str, Any]:
         """Plain values for JSON."""
@@ -65,7 +67,7 @@ class HealthyCubes:
             name: {kind: np.round(values, 4).tolist() for kind, values in kinds.items()}
             for name, kinds in (("gains", self.gains), ("peaks", self.peaks))
         }
-        arrays = by_kind | {"misfits": np.round(self.misfits, 4).tolist()}
+        arrays = by_kind | {name: np.round(getattr(self, name), 4).tolist() for name in ("push_gains", "misfits")}
         return {"format": FORMAT, "names": NAMES, "seeds": self.seeds, "limits": self.limits, **arrays, "null": null}
 
 
@@ -82,4 +84,10 @@ def load_calibration(path: Path = PACKAGED) -> HealthyCubes:
     null |= {"mean": np.array(null["mean"]), "covariance": np.array(null["covariance"])}
     gains, peaks = ({Kind(kind): np.array(values) for kind, values in document[name].items()} for name in ("gains", "peaks"))
     seeds = tuple(map(tuple, document["seeds"]))
-    return HealthyCubes(Null(**null), gains, np.array(document["misfits"]), peaks, document["limits"], seeds)
+    push_gains, misfits = np.array(document["push_gains"]), np.array(document["misfits"])
+    return HealthyCubes(Null(**null), gains, push_gains, misfits, peaks, document["limits"], seeds)
+
+
+def _share(healthy: np.ndarray, value: float) -> float:
+    """Of healthy sessions with so much, counted with the one that is asked."""
+    return float((1 + (healthy >= value).sum()) / (1 + len(healthy)))

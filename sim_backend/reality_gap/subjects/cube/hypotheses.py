@@ -177,9 +177,11 @@ def _linear(row: Linear, summary: CubeSummary, null: Null, seen: WhitenedSession
     if not said.any():
         return None
     information = columns[:, said].T @ columns[:, said]
-    best = np.linalg.solve(information, columns[:, said].T @ seen.vector)
-    std = np.sqrt(np.diag(np.linalg.inv(information)))
-    gain = 0.5 * float(best @ information @ best) - float(said.sum() - 1)
+    towards = columns[:, said].T @ seen.vector
+    best, std = np.linalg.solve(information, towards), np.sqrt(np.diag(np.linalg.inv(information)))
+    if row.is_more:
+        best = np.maximum(best, 0.0)  # each moves a number of its own
+    gain = float(best @ towards - 0.5 * best @ information @ best) - float(said.sum() - 1)
     estimates = [_estimate(row, int(i), float(best[k]), float(std[k]), null) for k, i in enumerate(np.flatnonzero(said))]
     return Judged(row.effect, gain, tuple(estimates), seen.vector - columns[:, said] @ best)
 

@@ -23,15 +23,17 @@ from sim_backend.reality_gap.verdict import Cause, Rival, Verdict, VerdictKind
 
 GATE_P = 0.0125
 """A gain that so many healthy sessions reach is chance; each kind of hypotheses has gains of its own."""
+PUSH_GATE_P = 0.0075
+"""As much for each of two gains of hypotheses about pushes: by all of them, and by all but the push that adds most."""
 MISFIT_P = 0.0075
 """As much for the misfit of the whole vector, whatever causes it."""
 PEAK_P = 0.005
 """As much for the number that is farthest off for itself."""
 COUNT_P = 0.001
 """As much for losses and jumps that no hypothesis is there for."""
-MARGIN = 2.0
-"""Nats by which the best hypothesis must lead, or the next ones may be the cause as well."""
-MOST_LEFT, REMAINDER_P, REMAINDER_PEAK_P = 0.22, 0.025, 0.01
+MARGIN = 5.0
+"""Nats by which the best hypothesis must lead, or the next ones may be the cause as well: odds of 150, as of joints."""
+MOST_LEFT, REMAINDER_P, REMAINDER_PEAK_P = 0.1, 0.05, 0.01
 """Something else is at work if a cause leaves more than this share of what is beyond a healthy session's misfit and that is more
 than so many healthy sessions have, or if a number that it leaves is farther off than in so many."""
 MAX_CONFUSABLE = 3
@@ -98,8 +100,14 @@ def study_evidence(
 
 def _beyond_chance(seen: Supported, calibration: HealthyCubes) -> frozenset[str]:
     """Effects of the kinds that gain more than chance."""
-    kinds = [kind for kind, gain in seen.gains().items() if calibration.gain_p(kind, gain) <= GATE_P]
+    kinds = {kind for kind, gain in seen.gains().items() if calibration.gain_p(kind, gain) <= _gate_p(kind)}
+    if calibration.push_gain_p(seen.push_gain()) <= _gate_p(Kind.PUSHES):
+        kinds.add(Kind.PUSHES)
     return frozenset(effect for kind in kinds for effect in KINDS[kind])
+
+
+def _gate_p(kind: Kind) -> float:
+    return PUSH_GATE_P if kind is Kind.PUSHES else GATE_P
 
 
 def _ranked(by_gain: Sequence[Judged], beyond_chance: Collection[str]) -> tuple[Judged, ...]:
@@ -131,9 +139,9 @@ def _verdict(
     ranking: Sequence[Judged], summary: CubeSummary, seen: Supported, calibration: HealthyCubes, chosen: float, pushes: int
 ) -> Verdict:
     best, beyond_chance = ranking[0], _beyond_chance(seen, calibration)
-    p = min(calibration.gain_p(kind, gain) for kind, gain in seen.gains().items())
+    p = min(calibration.push_gain_p(seen.push_gain()), *(calibration.gain_p(kind, gain) for kind, gain in seen.gains().items()))
     cannot, record = _limits_of_log(pushes)
-    shared = {"null_p": 1.0 - (1.0 - p) ** len(KINDS), "cannot_tell": cannot, "record_next": record}
+    shared = {"null_p": 1.0 - (1.0 - p) ** (len(KINDS) + 1), "cannot_tell": cannot, "record_next": record}
     is_far = calibration.misfit_p(seen.misfit()) <= MISFIT_P
     if not (beyond_chance or is_far or _is_odd(seen.peaks(), calibration, PEAK_P) or _many(summary, calibration)):
         text = f"cube and tracker are as those of a healthy robot (p {shared['null_p']:.2g})"

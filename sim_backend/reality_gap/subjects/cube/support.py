@@ -35,12 +35,13 @@ class Supported:
     judged: tuple[Mapping[str, Judged], ...]
 
     def gains(self) -> dict[Kind, float]:
-        """By kind the largest gain, nats; of pushes what the best hypothesis gains at least."""
-        gains = largest_gains(self.ranking)
+        """By kind the largest gain, nats."""
+        return largest_gains(self.ranking)
+
+    def push_gain(self) -> float:
+        """What the best hypothesis about pushes gains at least, nats; 0 without one."""
         best = next((row.effect for row in self.ranking if row.effect in KINDS[Kind.PUSHES]), None)
-        if best is not None:
-            gains[Kind.PUSHES] = min(gains[Kind.PUSHES], *(rows[best].gain for rows in self.judged if best in rows))
-        return gains
+        return min((rows[best].gain for rows in self.judged if best in rows), default=0.0)
 
     def misfit(self, effect: str | None = None) -> float:
         """Misfit for each number at least, of the session or of what an effect leaves of it; 1 were healthy ones Gaussian."""

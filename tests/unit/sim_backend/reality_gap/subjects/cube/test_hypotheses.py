@@ -74,6 +74,13 @@ def test_what_a_hypothesis_leaves_has_the_squares_that_it_does_not_gain(effect):
     assert found.left @ found.left == pytest.approx(seen.vector @ seen.vector - 2.0 * (found.gain + further), rel=1e-9)
 
 
+@pytest.mark.parametrize(("number", "effect"), [("log_noise_m", "tracking_noise"), ("log_delay_std", "tracking_jitter")])
+def test_more_noise_than_usual_is_a_cause_and_less_is_none(number, effect):
+    more, less = (judge(_summary({number: change}), NULL) for change in (1.5, -1.5))
+    assert more[0].effect == effect and more[0].gain > 5.0
+    assert all(row.gain < 0.5 for row in less if row.effect == effect)
+
+
 def test_another_rate_is_named_in_hertz():
     best = judge(_summary({"log_interval": float(np.log(2.0))}), NULL)[0]
     assert best.effect == "tracking_rate"

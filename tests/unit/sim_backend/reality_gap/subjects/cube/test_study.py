@@ -37,6 +37,21 @@ def test_without_the_true_hypothesis_something_is_wrong_and_nothing_is_named(wro
     assert left.follows and not left.causes
 
 
+def test_poses_that_hardly_scatter_are_no_fault_of_a_tracker_s_noise():
+    """They are smoothed, or the tracker is a better one; both is no cause of the catalogue."""
+    tracker = TrackerStatistics(500, 0.1, 0.09, 0.003, 1, 1, 0, 450, 0.0324, 0.0001, 0.0115, 0.916)
+    verdict = study_evidence(CubeEvidence(tracker, ()), np.random.default_rng(1), CALIBRATION).verdict
+    assert verdict.verdict is VerdictKind.UNEXPLAINED and not verdict.causes
+    assert any("log_noise_m" in text for text in verdict.follows)
+
+
+def test_a_cause_that_leaves_a_number_far_off_is_no_name():
+    """Reports come in two delays by turns: late in the mean, which leaves how much they differ."""
+    tracker = TrackerStatistics(500, 0.1, 0.14, 0.05, 1, 1, 0, 450, 0.0324, 0.001, 0.0115, 0.916)
+    verdict = study_evidence(CubeEvidence(tracker, ()), np.random.default_rng(1), CALIBRATION).verdict
+    assert verdict.verdict is VerdictKind.UNEXPLAINED and not verdict.causes
+
+
 def test_chance_is_judged_kind_by_kind():
     top = {kind: CALIBRATION.gains[kind][-1] for kind in KINDS}
     assert all(CALIBRATION.gain_p(kind, top[kind] + 20.0) <= GATE_P for kind in KINDS)
