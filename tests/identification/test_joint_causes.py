@@ -153,6 +153,21 @@ def test_healthy_robots_are_not_blamed_whatever_excites_them(excitation):
     assert verdict.verdict is VerdictKind.NOTHING_WRONG, verdict.summary
 
 
+def test_an_encoder_of_a_trifinger_that_stands_still_now_and_then_is_told_whatever_else_explains_it():
+    (healthy,) = simulated_sessions(healthy_physics(SEED), [SEED])
+    joints, joint, rows = healthy.joints, 4, 40
+    assert joints is not None and joints.velocity_rad_s is not None
+    position, velocity = joints.position_rad.copy(), joints.velocity_rad_s.copy()
+    speed = np.convolve(np.abs(np.diff(position[:, joint])), np.ones(rows), "valid")
+    for begin in sorted(np.arange(2000, len(speed) - 2000, 2000), key=lambda at: -speed[at])[:8]:
+        for reported in (position, velocity):
+            reported[begin : begin + rows, joint] = reported[begin, joint]
+    recordings = (replace(healthy, joints=replace(joints, position_rad=position, velocity_rad_s=velocity)),)
+    verdict = judge(study_joints(compile_scene(), recordings, lambda *_: None, robot=KnownTriFinger.seen_in(recordings))).verdict
+    assert verdict.verdict is VerdictKind.UNEXPLAINED
+    assert f"the encoder of {c.JOINT_NAMES[joint]} stood still" in verdict.summary
+
+
 def test_a_cause_that_the_catalogue_lacks_is_not_blamed_on_another_with_confidence():
     case = Case(0, SEED, "load_friction", "load_friction.coefficient", c.JOINT_NAMES[1], 1, 5.0, 0.15)
     for _, verdict in verdicts([case], excluded=("load_friction",)):

@@ -25,6 +25,7 @@ from sim_backend.reality_gap.subjects.joints.laws.fitted_values import fitted_va
 from sim_backend.reality_gap.subjects.joints.laws.hypotheses import ALL_JOINTS
 from sim_backend.reality_gap.subjects.joints.laws.moves import moved
 from sim_backend.reality_gap.subjects.joints.signs.checks import Finding, place
+from sim_backend.reality_gap.subjects.joints.signs.standing_readings import against_standing_readings
 from sim_backend.reality_gap.subjects.joints.slides import told_speed
 from sim_backend.reality_gap.subjects.joints.torques.look import BENT_TIE, Accepted, Candidate, Look
 from sim_backend.reality_gap.subjects.joints.torques.normal_equations import WHOLE_EPISODES
@@ -98,7 +99,11 @@ def judge(study: JointStudy) -> JointVerdict:
         cannot_tell=(*_cannot_tell(study, causes), *_perhaps_absent(fitted, [*causes, *little]), *_too_little(little)),
         record_next=tuple(_record_next(study, kind, closest)),
     )
-    return JointVerdict(verdict if isinstance(study.robot, KnownTriFinger) else reconsidered(study, verdict), tuple(left))
+    if isinstance(study.robot, KnownTriFinger):
+        verdict = against_standing_readings(verdict, study.problem.episodes, names)
+    else:
+        verdict = reconsidered(study, verdict)  # simulated motions come before standing readings
+    return JointVerdict(verdict, tuple(left))
 
 
 def _kind(study: JointStudy, causes: Sequence[Cause], left: Sequence[Pattern], *, is_tie: bool) -> tuple[VerdictKind, str]:
@@ -272,7 +277,7 @@ def _rival(study: JointStudy, accepted: Accepted) -> tuple[Rival, list[Cause]] |
             continue
         if candidate.gain > taken.gain and isinstance(study.robot, UnknownRobot):
             continue  # passed over when the cause was taken, so that it is no tie
-        if candidate.gain < study.gates.get(h.effect, study.gate):
+        if candidate.gain < _gate(study, h.effect) and not _explains_away(study, look, candidate, taken):
             continue  # by itself it would not be named either
         if study.problem.expects_many and (candidate.gain > taken.gain or h.effect in {a.effect for a in study.fit.accepted}):
             continue  # refused for its values, or named elsewhere
@@ -286,6 +291,23 @@ def _rival(study: JointStudy, accepted: Accepted) -> tuple[Rival, list[Cause]] |
         )
         return rival, _rival_causes(look, candidate, study)
     return None
+
+
+def _gate(study: JointStudy, effect: str) -> float:
+    """What a cause must gain to be named, nats."""
+    return study.gates.get(effect, study.gate)
+
+
+def _explains_away(study: JointStudy, look: Look, candidate: Candidate, taken: Candidate) -> bool:
+    """Whether a hypothesis explains more than a cause that was taken, which beside it would not be named any more.
+
+    It need not be more than healthy sessions show of it: then what was taken is no more either.
+    """
+    if candidate.gain <= taken.gain:
+        return False
+    both = (*candidate.hypothesis.terms, *taken.hypothesis.terms)
+    beside = look.rest.gain(both, (*candidate.hypothesis.scales, *taken.hypothesis.scales)) - candidate.gain
+    return beside < _gate(study, taken.hypothesis.effect)
 
 
 def _rival_causes(look: Look, candidate: Candidate, study: JointStudy) -> list[Cause]:
