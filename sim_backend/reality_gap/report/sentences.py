@@ -213,13 +213,13 @@ def _null(p: Any) -> list[str]:
     if real(p) is None:
         return []
     share = "under 0.1" if float(p) < 0.0005 else percent(p, 1 if float(p) < 0.1 else 0)
-    return [f"Null test: {probability(p)}; {share} % of healthy sessions show as large a gain by chance."]
+    return [f"Null test: {probability(p)}; {share} % of healthy sessions show as large a gain by chance, of whichever effect."]
 
 
 def _runner_up(rival: Mapping[str, Any] | None) -> list[str]:
     if not rival:
         return []
-    behind = f"{number(rival.get('behind'), 2)} nats behind"
+    behind = _behind(rival)
     by = words(rival.get("separated_by") or "")
     tail = f"; what separates them: {by}" if by else ""
     return [sentence(f"Runner-up: {place_of(rival['effect'], rival['where'])}, {behind}{tail}")]
@@ -232,9 +232,17 @@ def _rejected(rivals: Sequence[Mapping[str, Any]], runner_up: Mapping[str, Any] 
         if rival["effect"] in seen:
             continue
         seen.add(rival["effect"])
-        behind, by = number(rival.get("behind"), 2), words(rival.get("separated_by") or "")
-        found.append(f"{place_of(rival['effect'], rival['where'])} ({behind} nats behind{f'; {by}' if by else ''})")
+        by = words(rival.get("separated_by") or "")
+        found.append(f"{place_of(rival['effect'], rival['where'])} ({_behind(rival)}{f'; {by}' if by else ''})")
     return [f"Rejected, too: {listed(found)}."] if found else []
+
+
+def _behind(rival: Mapping[str, Any]) -> str:
+    """How far a rival lies behind, or ahead where it was not taken although it gains more."""
+    behind = real(rival.get("behind"))
+    if behind is not None and behind < 0.0:
+        return f"{number(-behind, 2)} nats ahead"
+    return f"{number(behind, 2)} nats behind"
 
 
 def _success(success: Mapping[str, Any] | None) -> list[str]:

@@ -276,7 +276,7 @@ def _rival(study: JointStudy, accepted: Accepted) -> tuple[Rival, list[Cause]] |
             continue
         if candidate.gain > taken.gain and isinstance(study.robot, UnknownRobot):
             continue  # passed over when the cause was taken, so that it is no tie
-        if candidate.gain < study.gates.get(h.effect, study.gate):
+        if candidate.gain < _gate(study, h.effect) and not _explains_away(study, look, candidate, taken):
             continue  # by itself it would not be named either
         if study.problem.expects_many and (candidate.gain > taken.gain or h.effect in {a.effect for a in study.fit.accepted}):
             continue  # refused for its values, or named elsewhere
@@ -290,6 +290,23 @@ def _rival(study: JointStudy, accepted: Accepted) -> tuple[Rival, list[Cause]] |
         )
         return rival, _rival_causes(look, candidate, study)
     return None
+
+
+def _gate(study: JointStudy, effect: str) -> float:
+    """What a cause must gain to be named, nats."""
+    return study.gates.get(effect, study.gate)
+
+
+def _explains_away(study: JointStudy, look: Look, candidate: Candidate, taken: Candidate) -> bool:
+    """Whether a hypothesis explains more than a cause that was taken, which beside it would not be named any more.
+
+    It need not be more than healthy sessions show of it: then what was taken is no more either.
+    """
+    if candidate.gain <= taken.gain:
+        return False
+    both = (*candidate.hypothesis.terms, *taken.hypothesis.terms)
+    beside = look.rest.gain(both, (*candidate.hypothesis.scales, *taken.hypothesis.scales)) - candidate.gain
+    return beside < _gate(study, taken.hypothesis.effect)
 
 
 def _rival_causes(look: Look, candidate: Candidate, study: JointStudy) -> list[Cause]:

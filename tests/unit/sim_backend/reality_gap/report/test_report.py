@@ -78,6 +78,13 @@ def test_the_summary_has_every_number_of_the_verdict_with_its_unit():
         assert part in text
 
 
+def test_a_rival_that_gains_more_than_what_was_taken_is_ahead():
+    document = documents.full_document()
+    document["verdict"]["runner_up"]["behind"] = -10.6
+    (said,) = (line for line in summary_lines(document) if line.startswith("Runner-up"))
+    assert "11 nats ahead; what separates them" in said
+
+
 @pytest.mark.parametrize("kind", [str(kind) for kind in VerdictKind])
 def test_every_verdict_reads_as_sentences_and_becomes_a_page(kind):
     document = documents.small_document(kind)

@@ -15,6 +15,7 @@ from sim_backend.reality_gap.subjects.joints.signs.checks import (
     beside_jumps,
     end_findings,
     fault_findings,
+    jump_in,
     noise_findings,
     noise_of_clocks,
     place,
@@ -209,6 +210,20 @@ def test_positions_that_catch_up_after_repeated_ones_are_no_jump(motion, repeate
     assert fault_findings([episode(stale, motion[1])]) == []
     stale[at + repeated + 1 :, 1] += 4.0 * missed
     assert names(fault_findings([episode(stale, motion[1])])) == [("encoder_jump", "offset_rad", 1)]
+
+
+@pytest.mark.parametrize(
+    "speeds_rad_s", [(2.0, 0.1, 0.1), (2.0, -0.2, -0.2), (5.5, 20.0, 0.2)], ids=["slower", "turned", "faster"]
+)
+def test_a_joint_that_changed_its_speed_while_its_reading_stood_still_has_not_jumped(speeds_rad_s):
+    """Its controller was told that it stood, and then how far it had come."""
+    speed_rad_s = np.interp(np.arange(2000), [1000, 1050, 1060], speeds_rad_s)
+    position = 1e-3 * np.cumsum(speed_rad_s) + 3e-5 * np.random.default_rng(5).standard_normal(2000)
+    position[1000:1051] = position[1000]
+    assert position[1051] - position[1050] > 0.03
+    assert jump_in(position, 0.0) is None
+    position[1051:] += 4.0
+    assert jump_in(position, 0.0) is not None
 
 
 def test_a_joint_that_is_pushed_and_does_not_move_is_stuck(motion):

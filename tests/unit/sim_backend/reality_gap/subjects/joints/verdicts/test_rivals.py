@@ -9,8 +9,9 @@ import pytest
 from sim_backend.reality_gap.knowledge.healthy import NO_SESSIONS
 from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger
 from sim_backend.reality_gap.subjects.joints.laws.hypotheses import ALL_JOINTS, Hypothesis
-from sim_backend.reality_gap.subjects.joints.laws.state import JointState
+from sim_backend.reality_gap.subjects.joints.laws.state import JointState, Term
 from sim_backend.reality_gap.subjects.joints.torques.look import Accepted, Candidate, Look
+from sim_backend.reality_gap.subjects.joints.torques.normal_equations import Reduced
 from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_torques import _rival, _tie_nats
 
 NOTHING = np.zeros(0)
@@ -25,7 +26,7 @@ def study(*looks):
     start = JointState(2)
     made = [SimpleNamespace(candidates=look, catalogue=SimpleNamespace(terms=()), state=start) for look in looks]
     fit = SimpleNamespace(looks=made, accepted=(), refused=frozenset(), fallen=frozenset())
-    problem = SimpleNamespace(expects_many=False)
+    problem = SimpleNamespace(expects_many=False, names=("shoulder", "elbow"))
     return SimpleNamespace(fit=fit, problem=problem, robot=TRIFINGER, gates={}, gate=12.0, start=start)
 
 
@@ -80,3 +81,24 @@ def test_a_cause_is_compared_at_the_look_at_which_it_was_taken():
     found = _rival(study(*looks), Accepted("action_delay", ALL_JOINTS, (), 50.0, look=2))
     assert found is not None
     assert found[0].behind == 30.0
+
+
+@pytest.mark.parametrize(("alike", "is_rival"), [(0.9, True), (0.0, False)])
+def test_what_explains_a_cause_away_is_its_rival_although_healthy_robots_have_as_much(alike, is_rival):
+    """A cable that pulled at one joint was named a tilt of the table, where a spring at that joint gained four times as much."""
+    images = 1e4 * np.array([[1.0, alike], [alike, 1.0]])
+    rest = Reduced(images, images @ np.array([0.06, 0.0 if is_rival else 0.05]), 0.0)
+    one = np.full(1, 0.01)
+    load, tilt = (
+        Candidate(Hypothesis(effect, where, (term,), (1.0,)), rest.gain((term,), (1.0,)), 0.0, one, one, True, one)
+        for term, (effect, where) in enumerate([("load_friction", "elbow"), ("table_tilt", "platform")])
+    )
+    made = study((load, tilt))
+    look = made.fit.looks[0]
+    look.rest, look.catalogue.terms = rest, (Term("load_friction.coefficient", 0, 1.0), Term("table_tilt.roll_rad", 0, 1.0))
+    made.gates = {"load_friction": 20.0, "table_tilt": 3.0}
+    assert 3.0 < tilt.gain < load.gain < 20.0
+    found = _rival(made, Accepted("table_tilt", "platform", (), tilt.gain))
+    assert (found is not None) is is_rival
+    if found is not None:
+        assert (found[0].effect, found[0].behind) == ("load_friction", tilt.gain - load.gain)
