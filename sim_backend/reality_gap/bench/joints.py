@@ -33,7 +33,7 @@ from sim_backend.refusal import refused
 from sim_backend.trifinger.scene import compile_scene
 from sim_backend.workers.pool import WorkersError, open_workers
 
-SEEDS_USED = "2301, 2303, 5001, 5002, 5003, 88001, 88002; with other excitations than 'standard' 41 and 42, too"
+SEEDS_USED = "2301, 2303, 2305, 5001, 5002, 5003, 88001, 88002; with other excitations than 'standard' 41 and 42, too"
 _TOGETHER = 4
 
 

@@ -37,6 +37,8 @@ MOST_LEFT, REMAINDER_P, REMAINDER_PEAK_P = 0.1, 0.05, 0.01
 """Something else is at work if a cause leaves more than this share of what is beyond a healthy session's misfit and that is more
 than so many healthy sessions have, or if a number that it leaves is farther off than in so many."""
 MAX_CONFUSABLE = 3
+_LEAST_TOLD = 0.1
+"""What explains a smaller share is not spoken of."""
 _RESAMPLES, _SOLID = 40, 0.8
 
 
@@ -150,9 +152,19 @@ def _verdict(
     left = (seen.misfit(best.effect) - usual) / max(seen.misfit() - usual, 1e-9)
     is_partly = is_far and left > MOST_LEFT and calibration.misfit_p(seen.misfit(best.effect)) <= REMAINDER_P
     if is_partly or _is_odd(seen.peaks(best.effect), calibration, REMAINDER_PEAK_P) or best.effect not in beyond_chance:
-        text = f"something is wrong, but {best.effect} explains only {min(max(1.0 - left, 0.0), 1.0):.0%} of it"
+        text = _partly(best.effect, 1.0 - left, is_chance=best.effect not in beyond_chance)
         return Verdict(VerdictKind.UNEXPLAINED, text, follows=_follows(summary, calibration), **shared)
     return _naming(ranking, beyond_chance, chosen, shared)
+
+
+def _partly(effect: str, explained: float, *, is_chance: bool) -> str:
+    """What a hypothesis that is no name comes to."""
+    share = f"{min(explained, 1.0):.0%} of it"
+    if explained < _LEAST_TOLD:
+        return "something is wrong that no cause of the catalogue explains"
+    if is_chance:
+        return f"something is wrong; {effect} would explain {share}, which is no more than chance or a single push may"
+    return f"something is wrong, but {effect} explains only {share}"
 
 
 def _is_odd(peaks: Mapping[Kind, float], calibration: HealthyCubes, least_p: float) -> bool:
@@ -210,7 +222,11 @@ def _follows(summary: CubeSummary, calibration: HealthyCubes) -> tuple[str, ...]
 
 
 def _limits_of_log(pushes: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    always = ("a delay that the tracker's own time stamps do not hold", "motions of the cube off the table")
+    always = (
+        "a delay that the tracker's own time stamps do not hold",
+        "motions of the cube off the table",
+        "a camera that moves within a session, where the cube's centre of mass is, and what its edges are like",
+    )
     if pushes >= LEAST_PUSHES:
         return always, ()
     if pushes:

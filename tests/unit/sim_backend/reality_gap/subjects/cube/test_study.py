@@ -42,6 +42,7 @@ def test_poses_that_hardly_scatter_are_no_fault_of_a_tracker_s_noise():
     tracker = TrackerStatistics(500, 0.1, 0.09, 0.003, 1, 1, 0, 450, 0.0324, 0.0001, 0.0115, 0.916)
     verdict = study_evidence(CubeEvidence(tracker, ()), np.random.default_rng(1), CALIBRATION).verdict
     assert verdict.verdict is VerdictKind.UNEXPLAINED and not verdict.causes
+    assert verdict.summary == "something is wrong that no cause of the catalogue explains"
     assert any("log_noise_m" in text for text in verdict.follows)
 
 
