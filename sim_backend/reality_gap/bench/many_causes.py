@@ -24,7 +24,7 @@ from sim_backend.reality_gap.bench.joint_sessions import EVERYTHING, IN_THE_AIR,
 from sim_backend.reality_gap.knowledge.healthy import STANDARD, detection_limits
 from sim_backend.reality_gap.knowledge.joint_effects import NUMBERS, SCALES
 from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger
-from sim_backend.reality_gap.knowledge.value_errors import FILE, document, usual_error
+from sim_backend.reality_gap.knowledge.value_errors import FILE, deviation, document, usual_error
 from sim_backend.reality_gap.subjects.joints.identification import JointStudy, study_joints
 from sim_backend.reality_gap.subjects.joints.verdicts.causes import index_of, is_clear
 from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_torques import judge
@@ -63,7 +63,7 @@ def _run(options: argparse.Namespace) -> int:
     seen = options.effects, options.excitation
     lines = _asked(options.out / "robots.jsonl", seeds, seen, (options.processes, options.cluster))
     if options.calibrate:
-        rows = [row for line in lines for row in line["values"] if row["key"] in SCALES]
+        rows = [row for line in lines for row in line["values"]]
         FILE.write_text(json.dumps(document(rows, list(seeds)), indent=1) + "\n")
         print(f"wrote {FILE}")
     found = summary(lines)
@@ -140,7 +140,7 @@ def _value(study: JointStudy, physics: Physics, cause: Cause) -> dict:
     key = f"{cause.effect}.{cause.parameter}"
     place = index_of(study.problem.names, key, cause.where)
     low, high = cause.interval_90
-    half, usual = 0.5 * (high - low), usual_error(key) if study.is_of_many and key in SCALES else 0.0
+    half, usual = 0.5 * (high - low), usual_error(key, cause.where) if study.is_of_many else 0.0
     return {
         "key": key,
         "where": cause.where,
@@ -215,7 +215,8 @@ def _covered(rows: Sequence[dict]) -> dict:
 
 
 def _holds(row: dict, value: float) -> bool:
-    return row["interval_90"][0] <= value <= row["interval_90"][1]
+    (low, high), off = row["interval_90"], deviation(row["key"], row["value"], value)
+    return low <= row["value"] - off <= high
 
 
 def _has_right_sign(row: dict) -> bool:

@@ -48,8 +48,8 @@ def place_of(names: Sequence[str], fitted: FittedValue, where: str) -> str:
 
 def _widened(cause: Cause) -> Cause:
     """With what values are usually off beside what their own noise tells, where a robot differs everywhere."""
-    own, usual = 0.5 * (cause.interval_90[1] - cause.interval_90[0]), usual_error(f"{cause.effect}.{cause.parameter}")
-    half = float(np.hypot(own, usual))
+    own = 0.5 * (cause.interval_90[1] - cause.interval_90[0])
+    half = float(np.hypot(own, usual_error(f"{cause.effect}.{cause.parameter}", cause.where)))
     return replace(cause, interval_90=(cause.value - half, cause.value + half))
 
 
@@ -59,7 +59,7 @@ def is_clear(study: JointStudy, cause: Cause) -> bool:
     if not study.is_of_many or key not in SCALES:
         return True
     here = study.problem_start(key, index_of(study.problem.names, key, cause.where))
-    return is_telling(key) and not cause.interval_90[0] <= here <= cause.interval_90[1]
+    return is_telling(key, cause.where) and not cause.interval_90[0] <= here <= cause.interval_90[1]
 
 
 def is_too_little(study: JointStudy, causes: Sequence[Cause]) -> bool:

@@ -4,51 +4,75 @@ import numpy as np
 import pytest
 
 from sim_backend.reality_gap.knowledge.joint_effects import SCALES
-from sim_backend.reality_gap.knowledge.value_errors import COVERED, document, is_telling, usual_error, usual_errors
+from sim_backend.reality_gap.knowledge.value_errors import (
+    COVERED,
+    deviation,
+    document,
+    is_telling,
+    place_in_finger,
+    usual_error,
+    usual_errors,
+)
 
 KEY = "coulomb_friction.torque_nm"
+UPPERMOST, LOWEST = "base_to_upper", "middle_to_lower"
 
 
-def rows_of(errors, own=0.0, key=KEY):
-    return [{"key": key, "value": 0.04 + error, "truth": 0.04, "own": own} for error in errors]
+def rows_of(errors, own=0.0, key=KEY, where="finger0_base_to_upper"):
+    return [{"key": key, "where": where, "value": 0.04 + error, "truth": 0.04, "own": own} for error in errors]
 
 
 def test_so_many_values_to_come_are_held_as_wanted():
     rng = np.random.default_rng(5)
     held = []
     for _ in range(300):
-        usual = usual_errors(rows_of(rng.normal(0.0, 0.003, 30)))[KEY]
+        usual = usual_errors(rows_of(rng.normal(0.0, 0.003, 30)))[KEY][UPPERMOST]
         held.append(np.mean(np.abs(rng.normal(0.0, 0.003, 1000)) <= usual))
     assert np.mean(held) == pytest.approx(COVERED, abs=0.02)
 
 
 def test_what_the_own_noise_explains_is_not_added_again():
-    assert usual_errors(rows_of([0.003, -0.003] * 20, own=0.003))[KEY] == pytest.approx(0.0, abs=1e-8)
-    assert usual_errors(rows_of([0.005, -0.005] * 20, own=0.003))[KEY] == pytest.approx(0.004)
+    assert usual_errors(rows_of([0.003, -0.003] * 20, own=0.003))[KEY][UPPERMOST] == pytest.approx(0.0, abs=1e-8)
+    assert usual_errors(rows_of([0.005, -0.005] * 20, own=0.003))[KEY][UPPERMOST] == pytest.approx(0.004)
 
 
 def test_of_a_few_values_the_largest_error_counts():
-    assert usual_errors(rows_of([0.001, 0.002, 0.006]))[KEY] == pytest.approx(0.006)
+    assert usual_errors(rows_of([0.001, 0.002, 0.006]))[KEY][UPPERMOST] == pytest.approx(0.006)
+
+
+def test_a_joint_s_place_in_its_finger_decides():
+    above, below = rows_of([0.001] * 20), rows_of([0.02] * 20, where="finger240_middle_to_lower")
+    assert usual_errors(above + below)[KEY] == pytest.approx({UPPERMOST: 0.001, LOWEST: 0.02})
+    assert [place_in_finger(where) for where in ("finger120_upper_to_middle", "platform")] == ["upper_to_middle", "platform"]
+
+
+def test_turns_of_a_motor_have_no_whole_ones():
+    assert deviation("cogging.phase_rad", 3.1, -3.1) == pytest.approx(6.2 - 2 * np.pi)
+    assert deviation(KEY, 3.1, -3.1) == pytest.approx(6.2)
 
 
 def test_the_file_says_what_it_is_made_of():
     found = document(rows_of([0.01] * 20) + rows_of([0.04] * 20, key="load_friction.coefficient"), [3, 1, 2])
     assert (found["robots"], found["seeds"]) == (3, [1, 3])
     assert found["values"] == {KEY: 20, "load_friction.coefficient": 20}
-    assert found["errors"] == pytest.approx({KEY: 0.01, "load_friction.coefficient": 0.04})
+    assert found["errors"] == {
+        KEY: {UPPERMOST: pytest.approx(0.01)},
+        "load_friction.coefficient": {UPPERMOST: pytest.approx(0.04)},
+    }
 
 
 @pytest.mark.parametrize("key", ["controller_restart.off", "position_gain.factor", "timing_jitter.std_s"])
 def test_what_takes_over_nothing_can_be_told(key):
-    assert usual_error(key) == 0.0
-    assert is_telling(key)
+    assert usual_error(key, "platform") == 0.0
+    assert is_telling(key, "platform")
 
 
-@pytest.mark.parametrize("key", ["load_friction.coefficient", "encoder_offset.offset_rad", "stribeck_friction.speed_rad_s"])
-def test_what_is_usually_far_off_tells_nothing(key):
-    assert not is_telling(key)
+def test_what_is_usually_far_off_tells_nothing_and_the_same_may_tell_where_it_is_not():
+    assert not is_telling("load_friction.coefficient", "finger120_middle_to_lower")
+    assert is_telling("load_friction.coefficient", "finger120_upper_to_middle")
+    assert not is_telling("stribeck_friction.speed_rad_s", "finger0_base_to_upper")
 
 
 @pytest.mark.parametrize("key", SCALES)
 def test_every_number_that_a_study_can_name_has_one(key):
-    assert 0.0 <= usual_error(key) < 10 * SCALES[key]
+    assert 0.0 <= usual_error(key, "finger0_base_to_upper") < 10 * SCALES[key]
