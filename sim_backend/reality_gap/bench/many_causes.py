@@ -160,7 +160,7 @@ def summary(lines: Sequence[dict]) -> dict:
     of those beyond their detection limits ``above_limits`` has the share that is named, by its joints and once for each robot.
     """
     rows = [row for line in lines for row in line["values"]]
-    clear = [row for row in rows if row["clear"]]
+    clear = [row for row in rows if row["clear"] and row["key"] in SCALES]  # what only says how a number looks has no side
     by_key = {key: [row for row in rows if row["key"] == key] for key in sorted({row["key"] for row in rows})}
     return {
         "robots": len(lines),

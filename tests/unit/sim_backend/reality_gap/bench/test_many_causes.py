@@ -46,6 +46,11 @@ def test_what_is_counted():
     assert found["clear_with_the_right_sign"]["k"] == 2
     assert found["by_parameter"][KEY]["n"] == 4
     assert found["verdicts"] == {"named": 1}
+    phase = value(-3.0, [2.9, 3.3]) | {"key": "cogging.phase_rad"}
+    found = summary([{"seed": 4, "effects": None, "verdict": "named", "values": [*values, phase], "seconds": 3.0}])
+    assert (found["interval_coverage"]["k"], found["clear"]) == (3, 3), (
+        "where a motor cogs is held across whole turns, and has no side"
+    )
 
 
 @pytest.mark.parametrize(("verdict", "right", "wrong"), [("named", 1, 1), ("unexplained", 0, 0)])
