@@ -7,6 +7,8 @@ push can pass for a cause: of 400 healthy sessions those with the largest gains 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from sim_backend.reality_gap.knowledge.cube import KINDS, Kind
 from sim_backend.reality_gap.subjects.cube.hypotheses import (
     Judged,
@@ -70,9 +72,14 @@ def _by_effect(summary: CubeSummary, null: Null, without: Collection[str]) -> di
 
 
 def _misfit(session: WhitenedSession, judged: Mapping[str, Judged], effect: str | None) -> float:
-    left = session.vector if effect is None else judged[effect].left
+    left = _left(session, judged, effect)
     return float(left @ left) / len(session.kept)
 
 
 def _peaks(session: WhitenedSession, judged: Mapping[str, Judged], effect: str | None) -> dict[Kind, float]:
-    return farthest(session, session.vector if effect is None else judged[effect].left)
+    return farthest(session, _left(session, judged, effect))
+
+
+def _left(session: WhitenedSession, judged: Mapping[str, Judged], effect: str | None) -> np.ndarray:
+    """What an effect leaves of a session; all of it where that says nothing of the effect, or none is asked for."""
+    return judged[effect].left if effect in judged else session.vector

@@ -9,7 +9,7 @@ from sim_backend.reality_gap.knowledge.cube import TRIALS, Kind
 from sim_backend.reality_gap.subjects.cube.healthy import load_calibration
 from sim_backend.reality_gap.subjects.cube.replay import Replayed
 from sim_backend.reality_gap.subjects.cube.summary import CubeEvidence
-from sim_backend.reality_gap.subjects.cube.support import supported
+from sim_backend.reality_gap.subjects.cube.support import Supported, supported
 from sim_backend.reality_gap.subjects.cube.tracker import TrackerStatistics
 
 NULL = load_calibration().null
@@ -49,3 +49,10 @@ def test_without_pushes_the_session_itself_is_asked():
     assert all(row.effect != "tracking_latency" for row in seen.ranking)
     assert max(seen.gains().values()) < 3.0 and seen.push_gain() < 3.0
     assert seen.peaks() == {Kind.TRACKER: pytest.approx(33.0, rel=0.1)}
+
+
+def test_a_session_that_says_nothing_of_an_effect_is_left_as_it_is():
+    seen = supported(CubeEvidence(TRACKER, _pushes(5, range(5))), NULL)
+    silent = Supported(seen.ranking, seen.sessions, tuple({} for _ in seen.judged))
+    assert silent.misfit("cube_mass") == seen.misfit() > seen.misfit("cube_mass")
+    assert silent.peaks("cube_mass") == seen.peaks()
