@@ -97,15 +97,19 @@ def select(
 
 
 def _fallen(fit: JointFit) -> frozenset[tuple[str, str]]:
-    """Causes of which less than half is left in the values that the model gets, by name."""
-    start, fallen = fit.problem.start, set[tuple[str, str]]()
+    """Causes of which less than half is left in the values that the model gets, by name; a group counts as a whole."""
+    if not isinstance(fit.problem.robot, KnownTriFinger) or fit.problem.expects_many:
+        return frozenset()  # their values are not fitted with less granted beside them
+    fallen = set[tuple[str, str]]()
     for a in fit.accepted:
-        term = a.terms[0]
         if plane_of(a.effect) is not None:
             continue  # a size and a place, of which a model has other numbers
-        here = float(start.value(term.key)[term.index])
-        chosen, left = (float(state.value(term.key)[term.index]) - here for state in (fit.last.state, fit.state))
-        if chosen * left < _STANDS * chosen**2:
+        terms = [term for term in a.terms if term.key == a.terms[0].key]
+        start, chosen, left = (
+            np.array([state.value(term.key)[term.index] for term in terms])
+            for state in (fit.problem.start, fit.last.state, fit.state)
+        )
+        if (chosen - start) @ (left - start) < _STANDS * (chosen - start) @ (chosen - start):
             fallen.add((a.effect, a.where))
     return frozenset(fallen)
 
