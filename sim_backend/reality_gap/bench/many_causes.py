@@ -3,15 +3,15 @@
     python -m sim_backend.reality_gap.bench.many_causes --first-seed S --robots N --out DIR [--effects K] [--excitation NAME]
 
 Robots are drawn from ``real``, or are healthy but for K of its effects, and are seen by one excitation or by everything. Each
-is a line of ``robots.jsonl``, so that a test goes on where it stopped. With ``--calibrate`` these robots' errors become the usual
-ones (``knowledge/value_errors.json``): other seeds than those that are tested with.
+is a line of ``robots.jsonl``, so that a test goes on where it stopped. With ``--calibrate`` errors of these robots and of those
+in other folders become the usual ones (``knowledge/value_errors.json``): other seeds than those that are tested with.
 """
 
 import argparse
 import json
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -22,17 +22,20 @@ from sim_backend.effects.ranges import Per, load_ranges
 from sim_backend.reality_gap.bench.counting import share, whole_lines
 from sim_backend.reality_gap.bench.joint_sessions import EVERYTHING, IN_THE_AIR, healthy_physics, simulated_recordings
 from sim_backend.reality_gap.knowledge.healthy import STANDARD, detection_limits
-from sim_backend.reality_gap.knowledge.joint_effects import NUMBERS, SCALES
+from sim_backend.reality_gap.knowledge.joint_effects import NUMBERS, SCALES, TILT
 from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger
-from sim_backend.reality_gap.knowledge.value_errors import FILE, deviation, document, usual_error
+from sim_backend.reality_gap.knowledge.value_errors import FILE, deviation, document
 from sim_backend.reality_gap.subjects.joints.identification import JointStudy, study_joints
-from sim_backend.reality_gap.subjects.joints.verdicts.causes import index_of, is_clear
+from sim_backend.reality_gap.subjects.joints.verdicts.causes import index_of, is_clear, usual_errors_of
+from sim_backend.reality_gap.subjects.joints.verdicts.untold import turned_bases
 from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_torques import judge
 from sim_backend.reality_gap.verdict import Cause, VerdictKind
 from sim_backend.refusal import refused
 from sim_backend.trifinger.constants import JOINT_NAMES
 from sim_backend.trifinger.scene import compile_scene
 from sim_backend.workers.pool import WorkersError, open_workers
+
+_LINES = "robots.jsonl"
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -47,9 +50,15 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="where results are kept")
     parser.add_argument("--processes", type=int, default=2, help="that work side by side (%(default)s)")
     parser.add_argument("--cluster", metavar="ADDRESS", help="Ray that has the processes: local, or HOST:PORT")
-    parser.add_argument("--calibrate", action="store_true", help="these robots' errors become the usual ones")
+    parser.add_argument(
+        "--calibrate",
+        type=Path,
+        nargs="*",
+        metavar="DIR",
+        help="errors of these robots, and of those kept in DIR, become the usual ones",
+    )
     options = parser.parse_args(arguments)
-    if options.calibrate and (options.effects is not None or options.excitation != STANDARD):
+    if options.calibrate is not None and (options.effects is not None or options.excitation != STANDARD):
         parser.error(f"--calibrate is for robots with all effects, seen by {STANDARD}")
     try:
         return _run(options)
@@ -61,11 +70,12 @@ def _run(options: argparse.Namespace) -> int:
     options.out.mkdir(parents=True, exist_ok=True)
     seeds = range(options.first_seed, options.first_seed + options.robots)
     seen = options.effects, options.excitation
-    lines = _asked(options.out / "robots.jsonl", seeds, seen, (options.processes, options.cluster))
-    if options.calibrate:
-        rows = [row for line in lines for row in line["values"]]
-        FILE.write_text(json.dumps(document(rows, list(seeds)), indent=1) + "\n")
-        print(f"wrote {FILE}")
+    lines = _asked(options.out / _LINES, seeds, seen, (options.processes, options.cluster))
+    if options.calibrate is not None:
+        others = [line for folder in options.calibrate for line in whole_lines(folder / _LINES) if _is_of(line, seen)]
+        robots = {line["seed"]: line["values"] for line in (*lines, *others)}
+        FILE.write_text(json.dumps(document(list(robots.values()), sorted(robots)), indent=1) + "\n")
+        print(f"wrote {FILE}: {len(robots)} robots")
     found = summary(lines)
     (options.out / "many-causes.json").write_text(json.dumps(found, indent=1) + "\n")
     print(json.dumps(found, indent=1))
@@ -76,7 +86,7 @@ def _asked(path: Path, seeds: Sequence[int], seen: tuple[int | None, str], at: t
     """The lines of all seeds with so many effects and an excitation; what is not there yet is asked."""
     there = whole_lines(path)
     path.write_text("".join(json.dumps(line) + "\n" for line in there))
-    kept = [line for line in there if line["seed"] in seeds and (line["effects"], line.get("excitation", STANDARD)) == seen]
+    kept = [line for line in there if line["seed"] in seeds and _is_of(line, seen)]
     todo = [seed for seed in seeds if seed not in {line["seed"] for line in kept}]
     with open_workers(_Asker, *at) as workers, path.open("a") as file:
         for line in workers.map(todo, seen):
@@ -85,6 +95,11 @@ def _asked(path: Path, seeds: Sequence[int], seen: tuple[int | None, str], at: t
             file.flush()
             print(f"{len(kept)} of {len(seeds)} robots", file=sys.stderr, flush=True)
     return sorted(kept, key=lambda line: line["seed"])
+
+
+def _is_of(line: Mapping, seen: tuple[int | None, str]) -> bool:
+    """Whether a line is of robots with so many effects that an excitation has seen."""
+    return (line["effects"], line.get("excitation", STANDARD)) == seen
 
 
 def robot(seed: int, effects: int | None = None) -> Physics:
@@ -131,6 +146,7 @@ def asked(seed: int, effects: int | None = None, excitation: str = STANDARD) -> 
         "verdict": verdict.verdict,
         "summary": verdict.summary,
         "cannot_tell": list(verdict.cannot_tell),
+        "in_a_set": [TILT[0][0]] if turned_bases(study, verdict.causes) else [],
         "values": values,
         "seconds": time.monotonic() - begun,
     }
@@ -139,8 +155,7 @@ def asked(seed: int, effects: int | None = None, excitation: str = STANDARD) -> 
 def _value(study: JointStudy, physics: Physics, cause: Cause) -> dict:
     key = f"{cause.effect}.{cause.parameter}"
     place = index_of(study.problem.names, key, cause.where)
-    low, high = cause.interval_90
-    half, usual = 0.5 * (high - low), usual_error(key, cause.where) if study.is_of_many else 0.0
+    below, usual = cause.value - cause.interval_90[0], usual_errors_of(study, cause).below if study.is_of_many else 0.0
     return {
         "key": key,
         "where": cause.where,
@@ -149,7 +164,7 @@ def _value(study: JointStudy, physics: Physics, cause: Cause) -> dict:
         "nominal": study.problem_start(key, place),
         "interval_90": list(cause.interval_90),
         "clear": is_clear(study, cause),
-        "own": float(np.sqrt(max(0.0, half**2 - usual**2))),
+        "own": float(np.sqrt(max(0.0, below**2 - usual**2))),
     }
 
 
@@ -190,23 +205,32 @@ def _effects(lines: Sequence[dict]) -> dict[str, int]:
 
 
 def _above_limits(lines: Sequence[dict]) -> dict:
-    """Of the fitted numbers that are beyond their detection limit, those that a clear value of the right side names."""
+    """Of the fitted numbers that are beyond their detection limit, those that a clear value of the right side names.
+
+    ``effects_or_set`` adds effects that are told to be the same for joints as one that is named.
+    """
     limits = {key: limit for key, limit in detection_limits().items() if key in NUMBERS}
     there: dict[str, list[list[bool]]] = {}
+    told: list[bool] = []
     for line in lines:
         physics, is_named = robot(line["seed"], line["effects"]), line["verdict"] == VerdictKind.NAMED
         given = {(row["key"], index_of(JOINT_NAMES, row["key"], row["where"])): row for row in line["values"] if is_named}
         named = {place for place, row in given.items() if row["clear"] and _has_right_sign(row)}
+        in_a_set = line.get("in_a_set", ()) if is_named else ()
         for key, limit in limits.items():
             off = np.abs(np.ravel(np.atleast_2d(physics.value(key))[0]) - PARAMETERS[key].absent)
             if (off >= limit).any():
-                there.setdefault(key, []).append([(key, int(i)) in named for i in np.flatnonzero(off >= limit)])
+                marks = [(key, int(i)) in named for i in np.flatnonzero(off >= limit)]
+                there.setdefault(key, []).append(marks)
+                told.append(any(marks) or _effect(key) in in_a_set)
     places = [mark for robots in there.values() for marks in robots for mark in marks]
     robots = [any(marks) for robots in there.values() for marks in robots]
     return {
         "places": share(sum(places), len(places)),
         "effects": share(sum(robots), len(robots)),
+        "effects_or_set": share(sum(told), len(told)),
         "by_parameter": {key: share(sum(map(sum, rows)), sum(map(len, rows))) for key, rows in there.items()},
+        "robots_by_parameter": {key: share(sum(map(any, rows)), len(rows)) for key, rows in there.items()},
     }
 
 

@@ -1,17 +1,19 @@
 """How far fitted values usually lie from the truth where a robot differs everywhere: measured on such robots.
 
 There each cause takes over what the laws of the others leave, which no noise tells: at a lowest joint, which carries next to
-nothing, far more than at the two above it. So errors are those of a joint's place in its finger.
+nothing, far more than at the two above it, and often to one side, as motors that are warm seem to have less torque. So errors
+are those of a joint's place in its finger, to either side.
 """
 
 import json
 from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from sim_backend.reality_gap.knowledge.joint_effects import NUMBERS, SCALES, TURNS_OF_MOTORS
+from sim_backend.reality_gap.knowledge.joint_effects import NUMBERS, SCALES, TURNS_OF_MOTORS, Shape
 
 FILE = Path(__file__).with_name("value_errors.json")
 TELLING = 0.5
@@ -20,18 +22,53 @@ COVERED = 0.9
 """Share of the calibrating robots' values whose intervals are to hold the truth, for each parameter by itself."""
 
 
-@cache
-def usual_error(key: str, where: str) -> float:
-    """Half of a 90 % interval that is to be added to a value's own, in its unit.
+class UsualErrors(NamedTuple):
+    """By how much the ends of a value's own 90 % interval usually fall short of the truth, below the value and above it."""
 
-    0 for what was never named on those robots: it takes over nothing. What was named elsewhere alone has the largest of there.
+    below: float
+    above: float
+
+    @property
+    def half(self) -> float:
+        """Half of what both make."""
+        return 0.5 * (self.below + self.above)
+
+
+NONE = UsualErrors(0.0, 0.0)
+
+
+def usual_errors(key: str, where: str, shape: float | None = None) -> UsualErrors:
+    """What is to be added to a value's interval, in its unit.
+
+    None for what was never named on those robots: it takes over nothing. What was named elsewhere alone has the largest of there.
 
     Args:
         key: "effect.parameter".
         where: a joint or the platform.
+        shape: value of the parameter that decides how this one looks, None without one.
     """
-    by_place = json.loads(FILE.read_text())["errors"].get(key, {})
-    return by_place.get(place_in_finger(where), max(by_place.values(), default=0.0))
+    found = _kept().get(key, {})
+    elsewhere = UsualErrors(*(max((errors[side] for errors in found.values()), default=0.0) for side in (0, 1)))
+    return found.get(circumstance(key, where, shape), elsewhere)
+
+
+@cache
+def _kept() -> dict[str, dict[str, UsualErrors]]:
+    errors = json.loads(FILE.read_text())["errors"]
+    return {key: {at: UsualErrors(*sides) for at, sides in of.items()} for key, of in errors.items()}
+
+
+def circumstance(key: str, where: str, shape: float | None = None) -> str:
+    """Place in the finger, and whether only the product of a value and its shape shows: below what its two least probes halve."""
+    place, decided_by = place_in_finger(where), shape_of(key)
+    if shape is None or decided_by is None or decided_by.plane is not None:
+        return place
+    return f"{place}, unresolved" if shape < np.sqrt(decided_by.values[0] * decided_by.values[1]) else place
+
+
+def shape_of(key: str) -> Shape | None:
+    """What decides how a parameter looks; None of most."""
+    return NUMBERS[key].shape if key in NUMBERS else None
 
 
 def place_in_finger(where: str) -> str:
@@ -40,9 +77,9 @@ def place_in_finger(where: str) -> str:
     return place if place and finger.startswith("finger") else where
 
 
-def is_telling(key: str, where: str) -> bool:
+def is_telling(key: str, where: str, shape: float | None = None) -> bool:
     """Whether a value can show by itself, where a robot differs everywhere, that its effect is there."""
-    return key in NUMBERS and usual_error(key, where) <= TELLING * SCALES[key]
+    return key in NUMBERS and usual_errors(key, where, shape).half <= TELLING * SCALES[key]
 
 
 def deviation(key: str, value: float, truth: float) -> float:
@@ -51,34 +88,39 @@ def deviation(key: str, value: float, truth: float) -> float:
     return float((off + np.pi) % (2.0 * np.pi) - np.pi) if key in TURNS_OF_MOTORS else off
 
 
-def usual_errors(rows: Sequence[Mapping]) -> dict[str, dict[str, float]]:
-    """By parameter and place, what must be added to the intervals of some values so that so many of them hold the truth.
+def measured_errors(robots: Sequence[Sequence[Mapping]]) -> dict[str, dict[str, UsualErrors]]:
+    """By parameter and circumstance, what must be added to the intervals of some values so that so many of them hold the truth.
 
     Args:
-        rows: ``key``, ``where``, ``value``, ``truth`` and ``own``, half of the interval that the noise alone gives.
+        robots: the values of each: ``key``, ``where``, ``value``, ``truth`` and ``own``, half of the interval by noise alone.
     """
     beyond: dict[str, dict[str, list[float]]] = {}
-    for row in rows:
-        off = deviation(row["key"], row["value"], row["truth"])
-        at = beyond.setdefault(row["key"], {}).setdefault(place_in_finger(row["where"]), [])
-        at.append(float(np.sqrt(max(0.0, off**2 - row["own"] ** 2))))
+    for rows in robots:
+        values = {(row["key"], row["where"]): row["value"] for row in rows}
+        for row in rows:
+            key, decided_by = row["key"], shape_of(row["key"])
+            shape = values.get((decided_by.key, row["where"])) if decided_by else None
+            off = deviation(key, row["value"], row["truth"])
+            at = beyond.setdefault(key, {}).setdefault(circumstance(key, row["where"], shape), [])
+            at.append(float(np.sign(off) * np.sqrt(max(0.0, off**2 - row["own"] ** 2))))
     return {
-        key: {place: _quantile(values) for place, values in sorted(by_place.items())} for key, by_place in sorted(beyond.items())
+        key: {at: UsualErrors(_largest(values), _largest([-off for off in values])) for at, values in sorted(of.items())}
+        for key, of in sorted(beyond.items())
     }
 
 
-def document(rows: Sequence[Mapping], seeds: Sequence[int]) -> dict:
+def document(robots: Sequence[Sequence[Mapping]], seeds: Sequence[int]) -> dict:
     """The calibration file."""
-    errors = usual_errors(rows)
+    errors, rows = measured_errors(robots), [row for values in robots for row in values]
     return {
         "errors": errors,
         "values": {key: sum(row["key"] == key for row in rows) for key in errors},
         "robots": len(seeds),
-        "seeds": [min(seeds), max(seeds)],
+        "seeds": list(seeds),
     }
 
 
-def _quantile(values: Sequence[float]) -> float:
-    """What also the next value stays below with the wanted chance; the largest where there are too few to tell."""
-    rank = int(np.ceil((len(values) + 1) * COVERED))
-    return sorted(values)[min(rank, len(values)) - 1]
+def _largest(values: Sequence[float]) -> float:
+    """What also the next value stays below with the wanted chance, at least 0; the largest where there are too few to tell."""
+    rank = int(np.ceil((len(values) + 1) * 0.5 * (1.0 + COVERED)))
+    return max(0.0, sorted(values)[min(rank, len(values)) - 1])

@@ -143,7 +143,7 @@ def study_joints(
     found = beside_jumps([*unfitted.findings, *checked(problem, fit, felt)])
     return JointStudy(
         fit.problem,
-        with_measured_lateness(fit, problem.episodes),
+        with_measured_lateness(problem, fit),
         tuple(f for f in found if f.effect not in asked_without),
         tuple(each for each in unfitted.rattling if each.finding.effect not in asked_without),
         tuple(f for f in found if f.effect in excluded),

@@ -1,28 +1,54 @@
 """How late commands came, read off one by one: until a command has come, the pipeline works with the one before it."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy import optimize, stats
+from scipy import optimize, special, stats
 
-from sim_backend.reality_gap.subjects.joints.torques.equations import EpisodeEquations
+from sim_backend.reality_gap.knowledge.healthy import detection_limits
+from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger
+from sim_backend.reality_gap.subjects.joints.laws.hypotheses import PLATFORM
 from sim_backend.reality_gap.subjects.joints.torques.fit import JointFit
+from sim_backend.reality_gap.subjects.joints.torques.look import Accepted, JointProblem
 from sim_backend.reality_gap.subjects.joints.torques.sent_torque import LATENESS
 
 _LEAST_COMMANDS = 20
+_USUAL_SHARE = 1e-3
+"""Of a TriFinger's commands at most, of which a healthy one has none, that come late without a cause."""
+
+_MOST_LEFT = 0.1
+"""Of what was sent beyond what the pipeline makes: where more is left, something else looks like lateness."""
 
 
-def with_measured_lateness(fit: JointFit, episodes: Sequence[EpisodeEquations]) -> JointFit:
-    """The fit with the scale of lateness as counted, where late commands are among its causes; else the same fit."""
-    taken = next((a for a in fit.accepted if a.effect == LATENESS.partition(".")[0]), None)
-    late = np.concatenate([episode.late_steps(fit.state) for episode in episodes])
-    if taken is None or len(late) < _LEAST_COMMANDS:
+def with_measured_lateness(problem: JointProblem, fit: JointFit) -> JointFit:
+    """The fit with the scale of lateness as counted, where late commands are among its causes; else the same fit.
+
+    They are a TriFinger's cause as well if they are as late as can be told from commands that came in time and that explains what
+    was sent, whatever the fit says: where much else is wrong it sees none.
+    """
+    effect = LATENESS.partition(".")[0]
+    taken = next((a for a in fit.accepted if a.effect == effect), None)
+    found = [episode.late_commands(fit.state) for episode in problem.episodes]
+    late = np.concatenate([each.steps for each in found])
+    if len(late) < _LEAST_COMMANDS or effect in problem.excluded:
         return fit
-    std_s, error_s = lateness_std_s(late, episodes[0].path.step_s)
+    std_s, error_s = lateness_std_s(late, problem.episodes[0].path.step_s)
+    if taken is None:
+        left = sum(each.left for each in found) / max(sum(each.beside for each in found), 1e-12)
+        if not isinstance(problem.robot, KnownTriFinger) or std_s < detection_limits()[LATENESS] or left > _MOST_LEFT:
+            return fit
+        term = next(term for term in fit.last.catalogue.terms if term.key == LATENESS)
+        taken = Accepted(effect, PLATFORM, (term,), _gain(late))
+        fit = replace(fit, accepted=(*fit.accepted, taken))
     state = replace(fit.state, given={**fit.state.given, LATENESS: np.array([std_s])})
     errors = {**fit.errors, (taken.effect, taken.where): np.full(len(taken.terms), error_s)}
     return replace(fit, state=state, errors=errors)
+
+
+def _gain(late_steps: np.ndarray) -> float:
+    """Of late commands over the usual share of them, nats."""
+    share = np.clip(np.mean(late_steps > 0), _USUAL_SHARE, 1.0 - _USUAL_SHARE)
+    return float(len(late_steps) * (special.rel_entr(share, _USUAL_SHARE) + special.rel_entr(1.0 - share, 1.0 - _USUAL_SHARE)))
 
 
 def lateness_std_s(late_steps: np.ndarray, step_s: float) -> tuple[float, float]:

@@ -28,7 +28,7 @@ from sim_backend.reality_gap.subjects.joints.laws.trajectory import Trajectory, 
 from sim_backend.reality_gap.subjects.joints.torques.counted_rows import is_lively, measured, near_end, rests
 from sim_backend.reality_gap.subjects.joints.torques.mechanics import JointImage, Mechanics, MechanicsImages
 from sim_backend.reality_gap.subjects.joints.torques.reported_velocity import SHOWN, velocity_image, velocity_residual
-from sim_backend.reality_gap.subjects.joints.torques.sent_torque import SentTorque
+from sim_backend.reality_gap.subjects.joints.torques.sent_torque import LateCommands, SentTorque
 
 _SMALLEST_IMAGE = 1e-9
 _COUNTED_S = 0.003
@@ -180,9 +180,9 @@ class EpisodeEquations:
         """What was measured beyond what the model makes of what was sent, shape (s, k), N m; None without both."""
         return None if self._motors.measured_nm is None else -self._mechanics.residual(state)[1]
 
-    def late_steps(self, state: JointState) -> np.ndarray:
-        """Samples by which each position target came late, shape (n,); none where no pipeline of the driver is known."""
-        return np.zeros(0) if self._sent is None else self._sent.late_steps(state)
+    def late_commands(self, state: JointState) -> LateCommands:
+        """How late position targets came; none where no pipeline of the driver is known."""
+        return LateCommands(np.zeros(0), 0.0, 0.0) if self._sent is None else self._sent.late_commands(state)
 
     def empty_equation(self, channel: Channel) -> Equation:
         """The frame of a mechanics or velocity equation: times without values."""

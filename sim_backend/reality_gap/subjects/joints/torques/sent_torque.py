@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,6 +21,18 @@ KEYS = frozenset({_GAIN, _DAMPING, LATENESS, _OFF})
 """Numbers that have an image here."""
 _TELLING_NM = 1e-4
 """Two commands whose torques differ by less cannot be told apart."""
+
+
+class LateCommands(NamedTuple):
+    """For each new position target, samples in which what was sent is what the target before it makes, shape (n,).
+
+    ``beside`` and ``left`` are sums over samples and joints of squares, (N m)^2: of what was sent beyond what the pipeline makes,
+    and of that beyond what it makes of targets that are so late.
+    """
+
+    steps: np.ndarray
+    beside: float
+    left: float
 
 
 class SentTorque:
@@ -69,8 +82,8 @@ class SentTorque:
             found += [(i, j, image[:, j]) for j in joints if image[:, j].any()]
         return found
 
-    def late_steps(self, state: JointState) -> np.ndarray:
-        """For each new position target, samples in which what was sent is what the target before it makes; shape (n,)."""
+    def late_commands(self, state: JointState) -> LateCommands:
+        """How late new position targets came, by what was sent."""
         starts = np.flatnonzero(_changes(self._target))
         of_position = starts[~_changes(self._desired)[starts]]
         base = self._made(state, self._desired, self._target)
@@ -80,7 +93,9 @@ class SentTorque:
         late = np.clip(np.round(share), 0.0, 1.0)
         ends = np.append(starts[1:], len(late))[np.searchsorted(starts, of_position)]
         told = [(start, end) for start, end in zip(of_position, ends, strict=True) if size[start] > _TELLING_NM**2]
-        return np.array([late[start:end].sum() for start, end in told])
+        beside = self._sent - base
+        squares = tuple(float(np.nansum(each**2)) for each in (beside, beside - late[:, None] * difference))
+        return LateCommands(np.array([late[start:end].sum() for start, end in told]), *squares)
 
     def _image(self, state: JointState, term: Term) -> np.ndarray:
         """What a term does if all joints have it, shape (s, k)."""

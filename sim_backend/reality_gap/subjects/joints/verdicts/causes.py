@@ -10,7 +10,7 @@ from sim_backend.effects.effect import Scope
 from sim_backend.reality_gap.knowledge.healthy import detection_limit
 from sim_backend.reality_gap.knowledge.joint_effects import NUMBERS, SCALES
 from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger
-from sim_backend.reality_gap.knowledge.value_errors import is_telling, usual_error
+from sim_backend.reality_gap.knowledge.value_errors import UsualErrors, is_telling, shape_of, usual_errors
 from sim_backend.reality_gap.subjects.joints.identification import JointStudy
 from sim_backend.reality_gap.subjects.joints.laws.fitted_values import FittedValue, fitted_values
 from sim_backend.reality_gap.subjects.joints.laws.intervals import half_interval
@@ -35,7 +35,7 @@ def causes_of(study: JointStudy, accepted: Accepted) -> list[Cause]:
     kept = _that_matter(study, accepted, found)
     if not study.is_of_many:
         return kept
-    widened = [_widened(cause) for cause in kept]
+    widened = [_widened(study, cause) for cause in kept]
     clear = {cause.where for cause in widened if f"{cause.effect}.{cause.parameter}" in SCALES and is_clear(study, cause)}
     return [cause for cause in widened if f"{cause.effect}.{cause.parameter}" in SCALES or cause.where in clear]
 
@@ -46,11 +46,24 @@ def place_of(names: Sequence[str], fitted: FittedValue, where: str) -> str:
     return names[fitted.index] if scope is Scope.JOINT else "xyz"[fitted.index] if scope is Scope.VECTOR else where
 
 
-def _widened(cause: Cause) -> Cause:
+def _widened(study: JointStudy, cause: Cause) -> Cause:
     """With what values are usually off beside what their own noise tells, where a robot differs everywhere."""
-    own = 0.5 * (cause.interval_90[1] - cause.interval_90[0])
-    half = float(np.hypot(own, usual_error(f"{cause.effect}.{cause.parameter}", cause.where)))
-    return replace(cause, interval_90=(cause.value - half, cause.value + half))
+    own, usual = 0.5 * (cause.interval_90[1] - cause.interval_90[0]), usual_errors_of(study, cause)
+    low, high = cause.value - np.hypot(own, usual.below), cause.value + np.hypot(own, usual.above)
+    return replace(cause, interval_90=(float(low), float(high)))
+
+
+def usual_errors_of(study: JointStudy, cause: Cause) -> UsualErrors:
+    """What the interval of a robot's value that differs everywhere has beside its own noise."""
+    return usual_errors(f"{cause.effect}.{cause.parameter}", cause.where, _shape(study, cause))
+
+
+def _shape(study: JointStudy, cause: Cause) -> float | None:
+    """Value of what decides how a cause's number looks; None of most."""
+    decided_by = shape_of(f"{cause.effect}.{cause.parameter}")
+    if decided_by is None:
+        return None
+    return float(study.fit.state.value(decided_by.key)[index_of(study.problem.names, decided_by.key, cause.where)])
 
 
 def is_clear(study: JointStudy, cause: Cause) -> bool:
@@ -59,7 +72,7 @@ def is_clear(study: JointStudy, cause: Cause) -> bool:
     if not study.is_of_many or key not in SCALES:
         return True
     here = study.problem_start(key, index_of(study.problem.names, key, cause.where))
-    return is_telling(key, cause.where) and not cause.interval_90[0] <= here <= cause.interval_90[1]
+    return is_telling(key, cause.where, _shape(study, cause)) and not cause.interval_90[0] <= here <= cause.interval_90[1]
 
 
 def is_too_little(study: JointStudy, causes: Sequence[Cause]) -> bool:
@@ -136,3 +149,16 @@ def index_of(names: Sequence[str], key: str, where: str) -> int:
     if PARAMETERS[key].scope is Scope.JOINT:
         return list(names).index(where)
     return "xyz".index(where) if where in ("x", "y", "z") else 0
+
+
+def told(causes: Sequence[Cause]) -> list[str]:
+    """Each effect with its places, or how many there are."""
+    places: dict[str, list[str]] = {}
+    for cause in causes:
+        places.setdefault(cause.effect, [])
+        if cause.where not in places[cause.effect]:
+            places[cause.effect].append(cause.where)
+    return [
+        f"{effect.replace('_', ' ')} ({', '.join(where) if len(where) <= 2 else f'{len(where)} places'})"
+        for effect, where in places.items()
+    ]

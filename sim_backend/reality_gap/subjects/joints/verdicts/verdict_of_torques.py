@@ -25,7 +25,6 @@ from sim_backend.reality_gap.subjects.joints.laws.fitted_values import fitted_va
 from sim_backend.reality_gap.subjects.joints.laws.hypotheses import ALL_JOINTS
 from sim_backend.reality_gap.subjects.joints.laws.moves import moved
 from sim_backend.reality_gap.subjects.joints.signs.checks import Finding, place
-from sim_backend.reality_gap.subjects.joints.slides import told_speed
 from sim_backend.reality_gap.subjects.joints.torques.look import BENT_TIE, Accepted, Candidate, Look
 from sim_backend.reality_gap.subjects.joints.torques.normal_equations import WHOLE_EPISODES
 from sim_backend.reality_gap.subjects.joints.torques.residual_patterns import Pattern, lasting, patterns
@@ -35,9 +34,11 @@ from sim_backend.reality_gap.subjects.joints.verdicts.causes import (
     is_too_little,
     may_be_absent,
     place_of,
+    told,
     too_little_beside,
 )
-from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_unknown_robot import ALMOST, reconsidered, unknown_of
+from sim_backend.reality_gap.subjects.joints.verdicts.untold import perhaps_absent, too_little, untold
+from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_unknown_robot import ALMOST, reconsidered
 from sim_backend.reality_gap.verdict import Cause, Rival, Verdict, VerdictKind
 
 CONFUSABLE_NATS = 5.0
@@ -50,8 +51,6 @@ _LEFT_BY_PLAY = 1.2
 """Nats of each row of the mechanics: play in gears left 1.6 to 2.1 in eight robots, other causes at most 0.9, noise 0.3."""
 _SHAPE = 3.0
 """Times what the causes gained, that a pattern at a joint whose error is almost gone gains at most as the shape of their laws."""
-_SLOW_RAD_S = 0.3
-"""A joint that is slower shows hardly anything that needs speed."""
 _TRADED_SCALE, _TRADED = 0.2, 2
 """So many torques or masses that seem off by more than this take the place of something else."""
 
@@ -95,7 +94,7 @@ def judge(study: JointStudy) -> JointVerdict:
         runner_up=closest,
         rejected=() if confusable else tuple(sorted((rival for rival, _ in rivals), key=lambda rival: rival.behind)),
         follows=(*_odd(study), *_follows(left[:3], names)) if kind is VerdictKind.UNEXPLAINED else (),
-        cannot_tell=(*_cannot_tell(study, causes), *_perhaps_absent(fitted, [*causes, *little]), *_too_little(little)),
+        cannot_tell=(*untold(study, causes), *perhaps_absent(fitted, [*causes, *little]), *too_little(little)),
         record_next=tuple(_record_next(study, kind, closest)),
     )
     return JointVerdict(verdict if isinstance(study.robot, KnownTriFinger) else reconsidered(study, verdict), tuple(left))
@@ -146,9 +145,9 @@ def _named(study: JointStudy, clear: Sequence[Cause]) -> tuple[VerdictKind, str]
     if not clear:
         return VerdictKind.UNEXPLAINED, "Many causes act together, and none of them is clear by itself."
     if is_too_little(study, clear):
-        said = f"{', '.join(_said(clear)).capitalize()} would explain the data, but what is smaller than a detection limit"
+        said = f"{', '.join(told(clear)).capitalize()} would explain the data, but what is smaller than a detection limit"
         return VerdictKind.UNEXPLAINED, f"{said} is often another cause in disguise."
-    return VerdictKind.NAMED, f"The data disagree with the model because of {', '.join(_said(clear))}."
+    return VerdictKind.NAMED, f"The data disagree with the model because of {', '.join(told(clear))}."
 
 
 def _almost_explained(study: JointStudy) -> set[int]:
@@ -192,19 +191,6 @@ def _large_scales(causes: Sequence[Cause]) -> list[Cause]:
         for cause in causes
         if scales_everything(cause.effect)
         and abs(cause.value - PARAMETERS[f"{cause.effect}.{cause.parameter}"].absent) > _TRADED_SCALE
-    ]
-
-
-def _said(causes: Sequence[Cause]) -> list[str]:
-    """Each effect with its places, or how many there are."""
-    places: dict[str, list[str]] = {}
-    for cause in causes:
-        places.setdefault(cause.effect, [])
-        if cause.where not in places[cause.effect]:
-            places[cause.effect].append(cause.where)
-    return [
-        f"{effect.replace('_', ' ')} ({', '.join(where) if len(where) <= 2 else f'{len(where)} places'})"
-        for effect, where in places.items()
     ]
 
 
@@ -322,50 +308,6 @@ def _rival_causes(look: Look, candidate: Candidate, study: JointStudy) -> list[C
 
 def _follows(found: Sequence[Pattern], names: tuple[str, ...]) -> list[str]:
     return [f"{p.variable} of {names[p.joint]} ({p.channel} equation, {p.gain:.0f} nats)" for p in found]
-
-
-def _cannot_tell(study: JointStudy, causes: Sequence[Cause]) -> list[str]:
-    said = ["whether all torques and all masses are off by the same share: no motion shows it"]
-    speed = np.max([np.quantile(np.abs(e.path.velocity), 0.99, axis=0) for e in study.problem.episodes], axis=0)
-    if study.is_of_many and (unclear := [cause for cause in causes if not is_clear(study, cause)]):
-        said.append(
-            f"whether there is {', '.join(_said(unclear))}: among so many causes values as large as these are often others'"
-        )
-    said += _of_slow_joints(study, speed)
-    unjudged = [name for name, judged in zip(study.problem.names, study.is_judged, strict=True) if not judged]
-    if isinstance(study.robot, KnownTriFinger) and unjudged:
-        said.append(f"anything else about {', '.join(unjudged)}: what was found there left no rows of its mechanics to judge")
-    if all(e.path.joints.measured_torque_nm is None for e in study.problem.episodes):
-        said.append("whether torque is lost before or after the motor's current: no measured torque")
-    return said if isinstance(study.robot, KnownTriFinger) else [*said, *unknown_of(study)]
-
-
-def _of_slow_joints(study: JointStudy, speed_rad_s: np.ndarray) -> list[str]:
-    """Hinges, and slides, that are slow all the time; speeds of shape (k,)."""
-    is_slide, names = study.problem.episodes[0].plant.is_slide, np.array(study.problem.names)
-    is_slow = speed_rad_s < _SLOW_RAD_S
-    return [
-        f"anything that needs speed about {', '.join(names[slow])}: "
-        f"slower than {told_speed(_SLOW_RAD_S, is_slide=slides)} all the time"
-        for slow, slides in ((is_slow & ~is_slide, False), (is_slow & is_slide, True))
-        if slow.any()
-    ]
-
-
-def _perhaps_absent(fitted: Sequence[Cause], causes: Sequence[Cause]) -> list[str]:
-    """Effects none of whose numbers is surely away from absent."""
-    named = {cause.effect for cause in causes}
-    unsure = [cause for cause in fitted if cause.effect not in named]
-    return [f"whether there is {', '.join(_said(unsure))}: the interval holds that there is none"] if unsure else []
-
-
-def _too_little(little: Sequence[Cause]) -> list[str]:
-    said = ", ".join(_said(little))
-    return (
-        [f"whether there is {said}: less of it than sessions of this length show is often another cause in disguise"]
-        if little
-        else []
-    )
 
 
 def _record_next(study: JointStudy, kind: VerdictKind, closest: Rival | None) -> list[str]:

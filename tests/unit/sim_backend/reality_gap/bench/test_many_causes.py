@@ -99,9 +99,14 @@ def test_effects_above_their_limits_are_told_by_clear_values_of_the_right_side(v
     wrong = value(truth[2], [-0.2, -0.1]) | at[2]
     unclear = value(truth[3], [-0.1, 0.1]) | at[3]
     values = [*right, wrong, unclear]
-    found = summary([{"seed": 7, "effects": None, "verdict": verdict, "values": values, "seconds": 3.0}])["above_limits"]
+    line = {"seed": 7, "effects": None, "verdict": verdict, "values": values, "seconds": 3.0}
+    found = summary([line])["above_limits"]
     of = int((truth >= detection_limits()[KEY]).sum())
     assert of >= 4
     assert (found["by_parameter"][KEY]["k"], found["by_parameter"][KEY]["n"]) == (joints, of)
     assert found["places"]["k"] == joints
     assert (found["effects"]["k"], found["effects"]["n"]) == (joints > 0, len(found["by_parameter"]))
+    assert (found["robots_by_parameter"][KEY]["k"], found["robots_by_parameter"][KEY]["n"]) == (joints > 0, 1)
+    beside = summary([line | {"in_a_set": ["load_friction"]}])["above_limits"]
+    assert beside["effects"] == found["effects"]
+    assert beside["effects_or_set"]["k"] == (2 if joints else 0), "what is in a set counts with what is named"

@@ -6,16 +6,23 @@ import pytest
 from sim_backend.reality_gap.knowledge.joint_effects import SCALES
 from sim_backend.reality_gap.knowledge.value_errors import (
     COVERED,
+    NONE,
+    UsualErrors,
+    circumstance,
     deviation,
     document,
     is_telling,
+    measured_errors,
     place_in_finger,
-    usual_error,
     usual_errors,
 )
 
 KEY = "coulomb_friction.torque_nm"
 UPPERMOST, LOWEST = "base_to_upper", "middle_to_lower"
+
+
+def measured(rows) -> dict[str, dict[str, UsualErrors]]:
+    return measured_errors([[row] for row in rows])
 
 
 def rows_of(errors, own=0.0, key=KEY, where="finger0_base_to_upper"):
@@ -26,24 +33,41 @@ def test_so_many_values_to_come_are_held_as_wanted():
     rng = np.random.default_rng(5)
     held = []
     for _ in range(300):
-        usual = usual_errors(rows_of(rng.normal(0.0, 0.003, 30)))[KEY][UPPERMOST]
-        held.append(np.mean(np.abs(rng.normal(0.0, 0.003, 1000)) <= usual))
+        usual = measured(rows_of(rng.normal(0.0, 0.003, 60)))[KEY][UPPERMOST]
+        off = rng.normal(0.0, 0.003, 1000)
+        held.append(np.mean((off <= usual.below) & (-off <= usual.above)))
     assert np.mean(held) == pytest.approx(COVERED, abs=0.02)
 
 
 def test_what_the_own_noise_explains_is_not_added_again():
-    assert usual_errors(rows_of([0.003, -0.003] * 20, own=0.003))[KEY][UPPERMOST] == pytest.approx(0.0, abs=1e-8)
-    assert usual_errors(rows_of([0.005, -0.005] * 20, own=0.003))[KEY][UPPERMOST] == pytest.approx(0.004)
+    assert measured(rows_of([0.003, -0.003] * 20, own=0.003))[KEY][UPPERMOST] == pytest.approx((0.0, 0.0), abs=1e-8)
+    assert measured(rows_of([0.005, -0.005] * 20, own=0.003))[KEY][UPPERMOST] == pytest.approx((0.004, 0.004))
 
 
 def test_of_a_few_values_the_largest_error_counts():
-    assert usual_errors(rows_of([0.001, 0.002, 0.006]))[KEY][UPPERMOST] == pytest.approx(0.006)
+    assert measured(rows_of([0.001, 0.002, 0.006]))[KEY][UPPERMOST] == pytest.approx((0.006, 0.0))
+
+
+def test_what_is_off_to_one_side_is_widened_to_that_side():
+    usual = measured(rows_of(np.random.default_rng(6).normal(-0.04, 0.01, 200)))[KEY][UPPERMOST]
+    assert usual.below == 0.0
+    assert usual.above == pytest.approx(0.04 + 1.645 * 0.01, rel=0.1)
 
 
 def test_a_joint_s_place_in_its_finger_decides():
     above, below = rows_of([0.001] * 20), rows_of([0.02] * 20, where="finger240_middle_to_lower")
-    assert usual_errors(above + below)[KEY] == pytest.approx({UPPERMOST: 0.001, LOWEST: 0.02})
+    assert {at: usual.below for at, usual in measured(above + below)[KEY].items()} == pytest.approx(
+        {UPPERMOST: 0.001, LOWEST: 0.02}
+    )
     assert [place_in_finger(where) for where in ("finger120_upper_to_middle", "platform")] == ["upper_to_middle", "platform"]
+
+
+@pytest.mark.parametrize(("speed", "at"), [(0.02, "base_to_upper, unresolved"), (0.1, "base_to_upper")])
+def test_friction_whose_speed_is_too_small_to_be_seen_has_errors_of_its_own(speed, at):
+    size = {"key": "stribeck_friction.extra_nm", "where": "finger0_base_to_upper", "value": 0.2, "truth": 0.005, "own": 0.0}
+    found = measured_errors([[size, size | {"key": "stribeck_friction.speed_rad_s", "value": speed, "truth": speed}]])
+    assert found["stribeck_friction.extra_nm"] == {at: pytest.approx((0.195, 0.0))}
+    assert circumstance("stribeck_friction.extra_nm", "finger0_base_to_upper", speed) == at
 
 
 def test_turns_of_a_motor_have_no_whole_ones():
@@ -52,18 +76,18 @@ def test_turns_of_a_motor_have_no_whole_ones():
 
 
 def test_the_file_says_what_it_is_made_of():
-    found = document(rows_of([0.01] * 20) + rows_of([0.04] * 20, key="load_friction.coefficient"), [3, 1, 2])
-    assert (found["robots"], found["seeds"]) == (3, [1, 3])
+    found = document([rows_of([0.01] * 20), rows_of([0.04] * 20, key="load_friction.coefficient")], [1, 3])
+    assert (found["robots"], found["seeds"]) == (2, [1, 3])
     assert found["values"] == {KEY: 20, "load_friction.coefficient": 20}
     assert found["errors"] == {
-        KEY: {UPPERMOST: pytest.approx(0.01)},
-        "load_friction.coefficient": {UPPERMOST: pytest.approx(0.04)},
+        KEY: {UPPERMOST: pytest.approx((0.01, 0.0))},
+        "load_friction.coefficient": {UPPERMOST: pytest.approx((0.04, 0.0))},
     }
 
 
 @pytest.mark.parametrize("key", ["controller_restart.off", "position_gain.factor", "timing_jitter.std_s"])
 def test_what_takes_over_nothing_can_be_told(key):
-    assert usual_error(key, "platform") == 0.0
+    assert usual_errors(key, "platform") == NONE
     assert is_telling(key, "platform")
 
 
@@ -75,4 +99,4 @@ def test_what_is_usually_far_off_tells_nothing_and_the_same_may_tell_where_it_is
 
 @pytest.mark.parametrize("key", SCALES)
 def test_every_number_that_a_study_can_name_has_one(key):
-    assert 0.0 <= usual_error(key, "finger0_base_to_upper") < 10 * SCALES[key]
+    assert 0.0 <= usual_errors(key, "finger0_base_to_upper").half < 10 * SCALES[key]

@@ -1,12 +1,20 @@
 """How late commands came, from how many samples each one was awaited."""
 
+from dataclasses import fields
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from sim_backend.reality_gap.knowledge.healthy import NO_SESSIONS
+from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, UnknownRobot
 from sim_backend.reality_gap.recording import JointSignals
-from sim_backend.reality_gap.subjects.joints.laws.state import JointState
-from sim_backend.reality_gap.subjects.joints.signs.command_lateness import lateness_std_s
-from sim_backend.reality_gap.subjects.joints.torques.sent_torque import SentTorque
+from sim_backend.reality_gap.subjects.joints.laws.hypotheses import PLATFORM
+from sim_backend.reality_gap.subjects.joints.laws.state import JointState, Term
+from sim_backend.reality_gap.subjects.joints.signs.command_lateness import lateness_std_s, with_measured_lateness
+from sim_backend.reality_gap.subjects.joints.torques.fit import JointFit
+from sim_backend.reality_gap.subjects.joints.torques.look import Accepted
+from sim_backend.reality_gap.subjects.joints.torques.sent_torque import LateCommands, SentTorque
 from sim_backend.trifinger import constants as c
 
 STEP_S = 1e-3
@@ -40,4 +48,46 @@ def test_each_target_is_late_by_the_samples_in_which_the_one_before_it_acts():
         return SentTorque(JointSignals(c.JOINT_NAMES, nothing + REST_RAD, commanded_torque_nm=sent, **signals), sent, STEP_S)
 
     sent = -pipeline(acting, nothing).residual(state)
-    assert pipeline(target, sent).late_steps(state).tolist() == list(late)
+    found = pipeline(target, sent).late_commands(state)
+    assert found.steps.tolist() == list(late)
+    assert found.left < 1e-12 < found.beside
+
+
+ROBOT = KnownTriFinger(NO_SESSIONS)
+TERM = Term("timing_jitter.std_s", 0, 1e-3)
+
+
+def measured(std_s=0.001, *, left=0.01, robot=ROBOT, excluded=(), accepted=()) -> JointFit:
+    """What is made of a fit that has not seen the lateness of 2000 commands."""
+    steps = np.round(std_s / STEP_S * np.abs(np.random.default_rng(5).standard_normal(2000)))
+    episode = SimpleNamespace(late_commands=lambda _: LateCommands(steps, 40.0, 40.0 * left), path=SimpleNamespace(step_s=STEP_S))
+    look = SimpleNamespace(catalogue=SimpleNamespace(terms=(Term("action_delay.delay_s", 0, 1e-3), TERM)))
+    empty = dict.fromkeys(field.name for field in fields(JointFit))
+    fit = JointFit(**(empty | {"accepted": accepted, "state": JointState(9), "errors": {}, "looks": (look,)}))
+    problem = SimpleNamespace(episodes=(episode,), robot=robot, excluded=excluded)
+    return with_measured_lateness(problem, fit)  # pyrefly: ignore[bad-argument-type] - what is looked at of it
+
+
+def test_late_commands_are_a_cause_though_the_fit_saw_none():
+    fit = measured()
+    (cause,) = fit.accepted
+    assert (cause.effect, cause.where, cause.terms) == ("timing_jitter", PLATFORM, (TERM,))
+    assert cause.gain > 1000.0
+    (error_s,) = fit.errors["timing_jitter", PLATFORM]
+    assert fit.state.value("timing_jitter.std_s")[0] == pytest.approx(0.001, abs=3.5 * error_s)
+
+
+def test_what_the_fit_saw_is_counted_and_stays_the_only_one():
+    seen = Accepted("timing_jitter", PLATFORM, (TERM,), 50.0)
+    fit = measured(0.0002, accepted=(seen,))
+    assert fit.accepted == (seen,)
+    assert 0.0 < fit.state.value("timing_jitter.std_s")[0] < 0.0004
+
+
+@pytest.mark.parametrize(
+    "otherwise",
+    [{"std_s": 0.0003}, {"left": 0.5}, {"robot": UnknownRobot()}, {"excluded": ("timing_jitter",)}],
+    ids=["too little", "something else", "another robot", "left out"],
+)
+def test_no_cause_is_made_of_counts_that_may_be_something_else(otherwise):
+    assert measured(**otherwise).accepted == ()

@@ -22,7 +22,7 @@ def test_a_command_that_is_never_replaced_cannot_be_late():
     for target in (np.zeros((STEPS, 9)), np.full((STEPS, 9), np.nan)):
         sent = sent_with(target)
         assert sent.images(NOMINAL, [JITTER]) == []
-        assert sent.late_steps(NOMINAL).size == 0
+        assert sent.late_commands(NOMINAL).steps.size == 0
 
 
 def test_a_command_may_be_late_from_its_begin_on():

@@ -8,7 +8,8 @@ from sim_backend.reality_gap.knowledge.known_of_robot import UnknownRobot
 from sim_backend.reality_gap.recording import JointSignals, Recording
 from sim_backend.reality_gap.subjects.joints.identification import study_joints
 from sim_backend.reality_gap.subjects.joints.slides import Slides
-from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_torques import _cannot_tell, judge
+from sim_backend.reality_gap.subjects.joints.verdicts.untold import untold
+from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_torques import judge
 from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_unknown_robot import Agreement, reconsidered
 from sim_backend.reality_gap.verdict import Verdict, VerdictKind, names_of
 from tests.unit.sim_backend.reality_gap.subjects.joints.inverse_arm import (
@@ -163,7 +164,7 @@ def cart_pole(cart_n: float, size_m: float, told: float = 1.0) -> Verdict:
     joints = JointSignals(("cart", "pole"), position, commanded_torque_nm=force)
     slides, run = Slides.of(model, joints.names), Recording("run", "run.csv", STEP_S, time_s, joints)
     study = study_joints(slides.model_as_hinges(model), [slides.as_hinges(run)], lambda *_: None, robot=UnknownRobot())
-    return reconsidered(study, Verdict(VerdictKind.NOTHING_WRONG, "", cannot_tell=tuple(_cannot_tell(study, []))))
+    return reconsidered(study, Verdict(VerdictKind.NOTHING_WRONG, "", cannot_tell=tuple(untold(study, []))))
 
 
 def test_what_is_left_at_a_slide_is_told_in_newtons_and_its_speed_in_metres():
