@@ -2,7 +2,8 @@
 
 There each cause takes over what the laws of the others leave, which no noise tells: at a lowest joint, which carries next to
 nothing, far more than at the two above it, and often to one side, as motors that are warm seem to have less torque. So errors
-are those of a joint's place in its finger, to either side.
+are those of a joint's place in its finger, to either side. Friction near standstill whose speed is too small to be seen shows
+in its product with that speed alone: its size is anything then, and other friction and the motor's torque make up for it.
 """
 
 import json
@@ -13,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sim_backend.reality_gap.knowledge.joint_effects import NUMBERS, SCALES, TURNS_OF_MOTORS, Shape
+from sim_backend.reality_gap.knowledge.joint_effects import NUMBERS, SCALES, TORQUE_CONSTANT, TURNS_OF_MOTORS
 
 FILE = Path(__file__).with_name("value_errors.json")
 TELLING = 0.5
@@ -35,9 +36,13 @@ class UsualErrors(NamedTuple):
 
 
 NONE = UsualErrors(0.0, 0.0)
+STANDSTILL_SPEED = "stribeck_friction.speed_rad_s"
+"""Within which friction near standstill falls off."""
+_STANDSTILL = "stribeck_friction.extra_nm"
+_TRADED_WITH_IT = frozenset({_STANDSTILL, "coulomb_friction.torque_nm", "directional_friction.difference_nm", TORQUE_CONSTANT})
 
 
-def usual_errors(key: str, where: str, shape: float | None = None) -> UsualErrors:
+def usual_errors(key: str, where: str, standstill_rad_s: float | None = None) -> UsualErrors:
     """What is to be added to a value's interval, in its unit.
 
     None for what was never named on those robots: it takes over nothing. What was named elsewhere alone has the largest of there.
@@ -45,11 +50,11 @@ def usual_errors(key: str, where: str, shape: float | None = None) -> UsualError
     Args:
         key: "effect.parameter".
         where: a joint or the platform.
-        shape: value of the parameter that decides how this one looks, None without one.
+        standstill_rad_s: speed within which friction near standstill falls off at that joint; None where none was found.
     """
     found = _kept().get(key, {})
     elsewhere = UsualErrors(*(max((errors[side] for errors in found.values()), default=0.0) for side in (0, 1)))
-    return found.get(circumstance(key, where, shape), elsewhere)
+    return found.get(circumstance(key, where, standstill_rad_s), elsewhere)
 
 
 @cache
@@ -58,17 +63,23 @@ def _kept() -> dict[str, dict[str, UsualErrors]]:
     return {key: {at: UsualErrors(*sides) for at, sides in of.items()} for key, of in errors.items()}
 
 
-def circumstance(key: str, where: str, shape: float | None = None) -> str:
-    """Place in the finger, and whether only the product of a value and its shape shows: below what its two least probes halve."""
-    place, decided_by = place_in_finger(where), shape_of(key)
-    if shape is None or decided_by is None or decided_by.plane is not None:
+def circumstance(key: str, where: str, standstill_rad_s: float | None = None) -> str:
+    """Place in the finger, and of what friction near standstill trades with whether its speed is seen there: half-way between the
+    two least that are probed, or faster.
+    """
+    place = place_in_finger(where)
+    if key not in _TRADED_WITH_IT:
         return place
-    return f"{place}, unresolved" if shape < np.sqrt(decided_by.values[0] * decided_by.values[1]) else place
+    if standstill_rad_s is None:
+        return f"{place}, no friction near standstill"
+    return f"{place}, its speed unseen" if standstill_rad_s < _least_seen_rad_s() else place
 
 
-def shape_of(key: str) -> Shape | None:
-    """What decides how a parameter looks; None of most."""
-    return NUMBERS[key].shape if key in NUMBERS else None
+@cache
+def _least_seen_rad_s() -> float:
+    shape = NUMBERS[_STANDSTILL].shape
+    assert shape is not None, "its speed"
+    return float(np.sqrt(shape.values[0] * shape.values[1]))
 
 
 def place_in_finger(where: str) -> str:
@@ -77,9 +88,9 @@ def place_in_finger(where: str) -> str:
     return place if place and finger.startswith("finger") else where
 
 
-def is_telling(key: str, where: str, shape: float | None = None) -> bool:
+def is_telling(key: str, where: str, standstill_rad_s: float | None = None) -> bool:
     """Whether a value can show by itself, where a robot differs everywhere, that its effect is there."""
-    return key in NUMBERS and usual_errors(key, where, shape).half <= TELLING * SCALES[key]
+    return key in NUMBERS and usual_errors(key, where, standstill_rad_s).half <= TELLING * SCALES[key]
 
 
 def deviation(key: str, value: float, truth: float) -> float:
@@ -98,10 +109,9 @@ def measured_errors(robots: Sequence[Sequence[Mapping]]) -> dict[str, dict[str, 
     for rows in robots:
         values = {(row["key"], row["where"]): row["value"] for row in rows}
         for row in rows:
-            key, decided_by = row["key"], shape_of(row["key"])
-            shape = values.get((decided_by.key, row["where"])) if decided_by else None
+            key, where = row["key"], row["where"]
             off = deviation(key, row["value"], row["truth"])
-            at = beyond.setdefault(key, {}).setdefault(circumstance(key, row["where"], shape), [])
+            at = beyond.setdefault(key, {}).setdefault(circumstance(key, where, values.get((STANDSTILL_SPEED, where))), [])
             at.append(float(np.sign(off) * np.sqrt(max(0.0, off**2 - row["own"] ** 2))))
     return {
         key: {at: UsualErrors(_largest(values), _largest([-off for off in values])) for at, values in sorted(of.items())}

@@ -2,12 +2,11 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from sim_backend.reality_gap.knowledge.cube import DIRECTIONS, TRIALS, UNSURE, Trial
-from sim_backend.reality_gap.subjects.cube.replay import LEADS, Replayed
+from sim_backend.reality_gap.subjects.cube.replay import Replayed
 
 _CHANNEL_STD = np.array([0.1, 0.1, 0.2, 0.45, 0.45, 0.4])
 """What is left in each channel of a healthy push away from impacts, in units of the channel's weight."""
@@ -22,10 +21,8 @@ CONTACT_NAMES = (
     *DIRECTIONS,
     *(f"force_{name}" for name in _FORCES),
     *(f"force_{name}_before_contact" for name in _FORCES),
-    *(f"{name}_led_stiffly" for name in DIRECTIONS),
 )
-"""Directions that residuals of softly led pushes are looked at in, and those of stiffly led ones; a force that is there before
-the contact is not the cube's doing."""
+"""Directions that residuals are looked at in; a force that is there before the contact is not the cube's doing."""
 
 
 @dataclass(frozen=True)
@@ -48,36 +45,25 @@ def contact_summary(replayed: Sequence[Replayed], trials: Sequence[Trial] = TRIA
     if not replayed:
         return None
     index = {(trial.effect, trial.value): i for i, trial in enumerate(trials)}
+    residual = np.concatenate([push.residual.T for push in replayed])
     channel, times = (np.concatenate([getattr(push, name) for push in replayed]) for name in ("channel", "time_s"))
-    sizes = [len(push.channel) for push in replayed]
-    scores, moves = [], []
-    for lead in range(len(LEADS)):
-        residual = _weighed(np.concatenate([push.residual[lead].T for push in replayed]), channel, sizes, index)
-        moved = residual.values[:, :1] - residual.values
-        directions = np.stack(_directions(moved, index) + ([] if lead else _forces(channel, times)))
-        weighted = directions * residual.weight
-        weighted /= np.sqrt(np.maximum((weighted * directions).sum(axis=1), 1e-12))[:, None]
-        scores.append(weighted @ residual.values[:, 0])
-        moves.append(weighted @ moved)
-    moved_by = np.concatenate(moves)
-    response = {}
-    for effect in dict.fromkeys(trial.effect for trial in trials[1:]):
-        own = [i for i, trial in enumerate(trials) if trial.effect == effect]
-        response[effect] = np.array([trials[i].value for i in own]), moved_by[:, own].T
-    return ContactSummary(len(replayed), np.concatenate(scores), response)
-
-
-class _Weighed(NamedTuple):
-    """Residuals (k, trials) in units of what a healthy push leaves, bent where they are large, and their weights (k,)."""
-
-    values: np.ndarray
-    weight: np.ndarray
-
-
-def _weighed(residual: np.ndarray, channel: np.ndarray, sizes: Sequence[int], index: Mapping[tuple[str, float], int]) -> _Weighed:
     unsure = sum((share * (residual[:, 0] - residual[:, index[key]])) ** 2 for key, share in UNSURE.items())
     residual = residual / np.sqrt(_CHANNEL_STD[channel] ** 2 + unsure)[:, None]
-    return _Weighed(BEND * np.arcsinh(residual / BEND), np.repeat(_push_weights(residual, sizes), sizes))
+    sizes = [len(push.channel) for push in replayed]
+    weight = np.repeat(_push_weights(residual, sizes), sizes)
+    residual = BEND * np.arcsinh(residual / BEND)
+    moved = residual[:, :1] - residual
+    directions = np.stack(_directions(moved, channel, times, index))
+    weighted = directions * weight
+    weighted /= np.sqrt(np.maximum((weighted * directions).sum(axis=1), 1e-12))[:, None]
+    response = {
+        effect: (
+            np.array([trial.value for trial in trials if trial.effect == effect]),
+            np.stack([weighted @ moved[:, i] for i, trial in enumerate(trials) if trial.effect == effect]),
+        )
+        for effect in dict.fromkeys(trial.effect for trial in trials[1:])
+    }
+    return ContactSummary(len(replayed), weighted @ residual[:, 0], response)
 
 
 def _push_weights(residual: np.ndarray, sizes: Sequence[int]) -> np.ndarray:
@@ -91,12 +77,10 @@ def _push_weights(residual: np.ndarray, sizes: Sequence[int]) -> np.ndarray:
     return 1.0 / np.maximum(1.0, size / (_TOLERATED * max(_USUAL_SIZE, float(np.median(size)))))
 
 
-def _directions(moved: np.ndarray, index: Mapping[tuple[str, float], int]) -> list[np.ndarray]:
-    """Those of ``DIRECTIONS``, unscaled, each of shape (k,); ``moved`` has shape (k, trials)."""
-    return [moved[:, index[plus]] - (moved[:, index[minus]] if minus else 0.0) for plus, minus in DIRECTIONS.values()]
-
-
-def _forces(channel: np.ndarray, times: np.ndarray) -> list[np.ndarray]:
-    """A constant force along each axis, and one that is there before the contact only."""
-    constant = [(channel == axis).astype(float) for axis in range(len(_FORCES))]
-    return constant + [row * (times < _BEFORE_CONTACT_S) for row in constant]
+def _directions(
+    moved: np.ndarray, channel: np.ndarray, times: np.ndarray, index: Mapping[tuple[str, float], int]
+) -> list[np.ndarray]:
+    """Unscaled directions, each of shape (k,), in the order of ``CONTACT_NAMES``; ``moved`` has shape (k, trials)."""
+    found = [moved[:, index[plus]] - (moved[:, index[minus]] if minus else 0.0) for plus, minus in DIRECTIONS.values()]
+    constant = [(channel == axis).astype(float) for axis in range(3)]
+    return found + constant + [row * (times < _BEFORE_CONTACT_S) for row in constant]

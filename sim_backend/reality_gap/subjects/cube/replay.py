@@ -1,6 +1,6 @@
 """Pushes replayed: the fingers are led along what the joints measured, the cube lies where the tracker saw it.
 
-The measured torques act, and a spring and a damper at each joint add what keeps it on the measured way; that addition, as a force
+The measured torques act, and the position controller adds what keeps the joints on the measured way; that addition, as a force
 at the tip, is what the model lacks. Beside it stands where the cube goes. All pushes are replayed under a fixed table of
 hypotheses at once, so that the models are compiled once a process.
 """
@@ -27,28 +27,11 @@ _ROWS_AT_ONCE = 6
 
 
 @dataclass(frozen=True)
-class Lead:
-    """How stiffly a joint is led along its way."""
-
-    stiffness_nm_rad: float
-    damping_nm_s_rad: float
-
-
-LEADS = (Lead(9.0, 0.02), Lead(60.0, 0.6))
-"""Every push is replayed by each. A softly led finger gives way to what the model lacks, so that the cube's way shows it; one
-that is led stiffly keeps to its own, and only the force does. The two together tell the cube's mass from its friction."""
-
-
-_Ways = tuple[np.ndarray, ...]
-"""Torque added to the pushing finger's joints, shape (rows, s, 3), the cube's place, (rows, s, 2), m, and turn, (rows, s)."""
-
-
-@dataclass(frozen=True)
 class Replayed:
     """Residuals of one push in units of the channels' weights.
 
     Attributes:
-        residual: measured minus replayed, shape (leads, trials, k).
+        residual: measured minus replayed, shape (trials, k).
         channel: of each column: 0 to 2 the force along, across and up, 3 to 5 the cube's way along, across and its turn.
         time_s: of each column, from the window's begin, shape (k,).
     """
@@ -65,7 +48,7 @@ class PushReplay:
         self.trials = tuple(trials)
         rows = [trial.physics for trial in self.trials for _ in range(_ROWS_AT_ONCE)]
         physics = Physics.stack([Physics.of(1, row) for row in rows])
-        self._driver = SimulatedDriver(robots=len(rows), threads=threads, physics=physics, safety=False)
+        self._driver = SimulatedDriver(robots=len(rows), threads=threads, physics=physics)
         self._rest_m = self._driver.rest_height_m(np.tile([1.0, 0.0, 0.0, 0.0], (len(rows), 1)))
 
     def replay(self, windows: Sequence[PushWindow]) -> list[Replayed]:
@@ -73,26 +56,26 @@ class PushReplay:
         replayed: list[Replayed] = []
         for first in range(0, len(windows), _ROWS_AT_ONCE):
             some = windows[first : first + _ROWS_AT_ONCE]
-            filled = [some[i % len(some)] for i in range(_ROWS_AT_ONCE)]
-            led = [self._simulate(filled, lead) for lead in LEADS]
+            extra_nm, place_m, yaw_rad = self._simulate([some[i % len(some)] for i in range(_ROWS_AT_ONCE)])
             for i, window in enumerate(some):
-                replayed.append(_replayed(self.trials, window, [tuple(way[i::_ROWS_AT_ONCE] for way in ways) for ways in led]))
+                rows = slice(i, None, _ROWS_AT_ONCE)
+                replayed.append(_residuals(self.trials, window, extra_nm[rows], place_m[rows], yaw_rad[rows]))
         return replayed
 
-    def _simulate(self, windows: Sequence[PushWindow], lead: Lead) -> _Ways:
-        """What happens while fingers are led, all windows under all trials."""
+    def _simulate(self, windows: Sequence[PushWindow]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Torque added to the pushing finger's joints (rows, s, 3), the cube's place (rows, s, 2) and turn (rows, s)."""
         count, steps = len(self.trials), round(LENGTH_S / c.PHYSICS_STEP_S)
         position, velocity, torque = (
             np.tile(np.stack([getattr(window, name) for window in windows]), (count, 1, 1))
             for name in ("joint_position_rad", "joint_velocity_rad_s", "torque_nm")
         )
         self._driver.reset(self._start(windows, position, velocity))
+        damping = c.SAFETY_DAMPING_NM_S_RAD + c.VELOCITY_GAIN_NM_S_RAD
         extra, place, quat = np.empty_like(torque), np.empty((len(position), steps, 2)), np.empty((len(position), steps, 4))
         for step in range(steps):
-            now = self._driver.measure()
-            extra[:, step] = lead.stiffness_nm_rad * (position[:, step] - now.joint_position_rad)
-            extra[:, step] += lead.damping_nm_s_rad * (velocity[:, step] - now.joint_velocity_rad_s)
-            segment = self._driver.advance([(Command(torque[:, step] + extra[:, step]), 1)])
+            wanted = torque[:, step] + damping * velocity[:, step]
+            segment = self._driver.advance([(Command(wanted, position[:, step]), 1)])
+            extra[:, step] = segment.applied_torque_nm[:, 0] - torque[:, step]
             place[:, step], quat[:, step] = segment.cube_position_world_m[:, 0, :2], segment.cube_quat_wxyz[:, 0]
         fingers = np.tile([3 * window.finger for window in windows], count)
         columns = fingers[:, None, None] + np.arange(3)
@@ -108,18 +91,11 @@ class PushReplay:
         return Start(position[:, 0], place, quat, joint_velocity_rad_s=velocity[:, :10].mean(axis=1))
 
 
-def _replayed(trials: Sequence[Trial], window: PushWindow, led: Sequence[_Ways]) -> Replayed:
-    """Forces in bins and poses in frames, as seen along the push; the first axis of each way is that of the trials."""
-    bins, frames = round(LENGTH_S / c.PHYSICS_STEP_S) // BIN_STEPS, window.frame_steps
-    residual = np.stack([_residuals(trials, window, ways, bins) for ways in led])
-    channel = np.concatenate([np.tile([0, 1, 2], bins), np.tile([3, 4, 5], len(frames))])
-    times = np.concatenate([np.repeat(np.arange(bins) + 0.5, 3) * BIN_STEPS, np.repeat(frames, 3)]) * c.PHYSICS_STEP_S
-    return Replayed(np.clip(residual, -VIEW_LIMIT, VIEW_LIMIT), channel, times)
-
-
-def _residuals(trials: Sequence[Trial], window: PushWindow, ways: _Ways, bins: int) -> np.ndarray:
-    """Of one lead, shape (trials, k)."""
-    extra_nm, place_m, yaw_rad = ways
+def _residuals(
+    trials: Sequence[Trial], window: PushWindow, extra_nm: np.ndarray, place_m: np.ndarray, yaw_rad: np.ndarray
+) -> Replayed:
+    """Forces in bins and poses in frames, as seen along the push; first axis of the arrays: trials."""
+    bins = extra_nm.shape[1] // BIN_STEPS
     torque = extra_nm[:, : bins * BIN_STEPS].reshape(len(trials), bins, BIN_STEPS, 3).mean(axis=2)
     jacobian = window.jacobian_m[BIN_STEPS // 2 :: BIN_STEPS][:bins]
     force = np.linalg.solve(np.swapaxes(jacobian, -1, -2)[None], torque[..., None])[..., 0]
@@ -131,4 +107,7 @@ def _residuals(trials: Sequence[Trial], window: PushWindow, ways: _Ways, bins: i
     way = (window.frame_xy_m - seen) @ axes[:2, :2] / PLACE_STD_M
     turn = np.nan_to_num(window.frame_yaw_rad - yaw_rad[:, frames]) / YAW_STD_RAD
     pose = np.concatenate([way, turn[..., None]], axis=2)
-    return np.concatenate([force.reshape(len(trials), -1), pose.reshape(len(trials), -1)], axis=1)
+    residual = np.concatenate([force.reshape(len(trials), -1), pose.reshape(len(trials), -1)], axis=1)
+    channel = np.concatenate([np.tile([0, 1, 2], bins), np.tile([3, 4, 5], len(frames))])
+    times = np.concatenate([np.repeat(np.arange(bins) + 0.5, 3) * BIN_STEPS, np.repeat(frames, 3)]) * c.PHYSICS_STEP_S
+    return Replayed(np.clip(residual, -VIEW_LIMIT, VIEW_LIMIT), channel, times)

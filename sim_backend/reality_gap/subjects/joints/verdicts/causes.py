@@ -10,7 +10,7 @@ from sim_backend.effects.effect import Scope
 from sim_backend.reality_gap.knowledge.healthy import detection_limit
 from sim_backend.reality_gap.knowledge.joint_effects import NUMBERS, SCALES
 from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger
-from sim_backend.reality_gap.knowledge.value_errors import UsualErrors, is_telling, shape_of, usual_errors
+from sim_backend.reality_gap.knowledge.value_errors import STANDSTILL_SPEED, UsualErrors, is_telling, usual_errors
 from sim_backend.reality_gap.subjects.joints.identification import JointStudy
 from sim_backend.reality_gap.subjects.joints.laws.fitted_values import FittedValue, fitted_values
 from sim_backend.reality_gap.subjects.joints.laws.intervals import half_interval
@@ -24,6 +24,16 @@ def causes_of(study: JointStudy, accepted: Accepted) -> list[Cause]:
     Intervals cover the noise of the data and a usual imperfection of the laws, and where a robot differs everywhere also how far
     values are usually off there.
     """
+    kept = _by_own_noise(study, accepted)
+    if not study.is_of_many:
+        return kept
+    widened = [_widened(study, cause) for cause in kept]
+    clear = {cause.where for cause in widened if f"{cause.effect}.{cause.parameter}" in SCALES and is_clear(study, cause)}
+    return [cause for cause in widened if f"{cause.effect}.{cause.parameter}" in SCALES or cause.where in clear]
+
+
+def _by_own_noise(study: JointStudy, accepted: Accepted) -> list[Cause]:
+    """The causes with intervals as if nothing else were wrong."""
     errors, found = study.fit.errors[(accepted.effect, accepted.where)], []
     for fitted in fitted_values(study.start, study.fit.state, accepted.terms, errors):
         parameter = PARAMETERS[fitted.key]
@@ -32,12 +42,7 @@ def causes_of(study: JointStudy, accepted: Accepted) -> list[Cause]:
         half = 0.0 if fitted.error == 0.0 else half_interval(fitted.key, value, start, fitted.error)
         where = place_of(study.problem.names, fitted, accepted.where)
         found.append(Cause(accepted.effect, parameter.name, where, value, parameter.unit, (value - half, value + half)))
-    kept = _that_matter(study, accepted, found)
-    if not study.is_of_many:
-        return kept
-    widened = [_widened(study, cause) for cause in kept]
-    clear = {cause.where for cause in widened if f"{cause.effect}.{cause.parameter}" in SCALES and is_clear(study, cause)}
-    return [cause for cause in widened if f"{cause.effect}.{cause.parameter}" in SCALES or cause.where in clear]
+    return _that_matter(study, accepted, found)
 
 
 def place_of(names: Sequence[str], fitted: FittedValue, where: str) -> str:
@@ -55,15 +60,14 @@ def _widened(study: JointStudy, cause: Cause) -> Cause:
 
 def usual_errors_of(study: JointStudy, cause: Cause) -> UsualErrors:
     """What the interval of a robot's value that differs everywhere has beside its own noise."""
-    return usual_errors(f"{cause.effect}.{cause.parameter}", cause.where, _shape(study, cause))
+    return usual_errors(f"{cause.effect}.{cause.parameter}", cause.where, _standstill_rad_s(study, cause.where))
 
 
-def _shape(study: JointStudy, cause: Cause) -> float | None:
-    """Value of what decides how a cause's number looks; None of most."""
-    decided_by = shape_of(f"{cause.effect}.{cause.parameter}")
-    if decided_by is None:
-        return None
-    return float(study.fit.state.value(decided_by.key)[index_of(study.problem.names, decided_by.key, cause.where)])
+def _standstill_rad_s(study: JointStudy, where: str) -> float | None:
+    """Speed within which friction near standstill falls off at a joint; None where none was found."""
+    effect, _, parameter = STANDSTILL_SPEED.partition(".")
+    found = (cause for a in study.fit.accepted if a.effect == effect for cause in _by_own_noise(study, a))
+    return next((cause.value for cause in found if (cause.parameter, cause.where) == (parameter, where)), None)
 
 
 def is_clear(study: JointStudy, cause: Cause) -> bool:
@@ -72,7 +76,8 @@ def is_clear(study: JointStudy, cause: Cause) -> bool:
     if not study.is_of_many or key not in SCALES:
         return True
     here = study.problem_start(key, index_of(study.problem.names, key, cause.where))
-    return is_telling(key, cause.where, _shape(study, cause)) and not cause.interval_90[0] <= here <= cause.interval_90[1]
+    is_sure = not cause.interval_90[0] <= here <= cause.interval_90[1]
+    return is_sure and is_telling(key, cause.where, _standstill_rad_s(study, cause.where))
 
 
 def is_too_little(study: JointStudy, causes: Sequence[Cause]) -> bool:

@@ -7,6 +7,7 @@ from sim_backend.reality_gap.knowledge.joint_effects import SCALES
 from sim_backend.reality_gap.knowledge.value_errors import (
     COVERED,
     NONE,
+    STANDSTILL_SPEED,
     UsualErrors,
     circumstance,
     deviation,
@@ -17,7 +18,7 @@ from sim_backend.reality_gap.knowledge.value_errors import (
     usual_errors,
 )
 
-KEY = "coulomb_friction.torque_nm"
+KEY, TRADED = "viscous_friction.damping_nm_s_rad", "coulomb_friction.torque_nm"
 UPPERMOST, LOWEST = "base_to_upper", "middle_to_lower"
 
 
@@ -62,12 +63,17 @@ def test_a_joint_s_place_in_its_finger_decides():
     assert [place_in_finger(where) for where in ("finger120_upper_to_middle", "platform")] == ["upper_to_middle", "platform"]
 
 
-@pytest.mark.parametrize(("speed", "at"), [(0.02, "base_to_upper, unresolved"), (0.1, "base_to_upper")])
-def test_friction_whose_speed_is_too_small_to_be_seen_has_errors_of_its_own(speed, at):
-    size = {"key": "stribeck_friction.extra_nm", "where": "finger0_base_to_upper", "value": 0.2, "truth": 0.005, "own": 0.0}
-    found = measured_errors([[size, size | {"key": "stribeck_friction.speed_rad_s", "value": speed, "truth": speed}]])
-    assert found["stribeck_friction.extra_nm"] == {at: pytest.approx((0.195, 0.0))}
-    assert circumstance("stribeck_friction.extra_nm", "finger0_base_to_upper", speed) == at
+@pytest.mark.parametrize(
+    ("speed", "at"),
+    [(0.02, f"{UPPERMOST}, its speed unseen"), (0.1, UPPERMOST), (None, f"{UPPERMOST}, no friction near standstill")],
+)
+@pytest.mark.parametrize("key", [KEY, TRADED, "torque_constant.error"])
+def test_what_trades_with_friction_near_standstill_has_errors_by_whether_its_speed_is_seen(key, speed, at):
+    row = {"key": key, "where": "finger0_base_to_upper", "value": 0.2, "truth": 0.005, "own": 0.0}
+    beside = [] if speed is None else [row | {"key": STANDSTILL_SPEED, "value": speed, "truth": speed}]
+    at = UPPERMOST if key == KEY else at
+    assert measured_errors([[row, *beside]])[key] == {at: pytest.approx((0.195, 0.0))}
+    assert circumstance(key, "finger0_base_to_upper", speed) == at
 
 
 def test_turns_of_a_motor_have_no_whole_ones():

@@ -5,16 +5,16 @@ import pytest
 
 from sim_backend.reality_gap.knowledge.cube import TRIALS
 from sim_backend.reality_gap.subjects.cube.contact import CONTACT_NAMES, contact_summary
-from sim_backend.reality_gap.subjects.cube.replay import LEADS, Replayed
+from sim_backend.reality_gap.subjects.cube.replay import Replayed
 
 MASS = [i for i, trial in enumerate(TRIALS) if trial.effect == "cube_mass"]
 
 
 def _push(rng, truth: int | None) -> Replayed:
     """A push whose residuals are small under one trial, and under all others what tells that one from them."""
-    way = rng.normal(0.0, 1.0, (len(LEADS), len(TRIALS), 120))
-    way[:, 0] = 0.0
-    residual = (way[:, [truth]] if truth is not None else 0.0) - way + rng.normal(0.0, 0.02, 120)
+    way = rng.normal(0.0, 1.0, (len(TRIALS), 120))
+    way[0] = 0.0
+    residual = (way[truth] if truth is not None else 0.0) - way + rng.normal(0.0, 0.02, 120)
     return Replayed(residual, np.arange(120) % 6, np.linspace(0.0, 0.6, 120))
 
 

@@ -10,7 +10,7 @@ from sim_backend.reality_gap.subjects.cube.contact import CONTACT_NAMES, Contact
 from sim_backend.reality_gap.subjects.cube.counts import count_gain
 from sim_backend.reality_gap.subjects.cube.healthy import load_calibration
 from sim_backend.reality_gap.subjects.cube.hypotheses import farthest, judge, response_table, whitened, without_worst
-from sim_backend.reality_gap.subjects.cube.replay import LEADS, Replayed
+from sim_backend.reality_gap.subjects.cube.replay import Replayed
 from sim_backend.reality_gap.subjects.cube.summary import NAMES, TRACKER_NAMES, CubeEvidence, CubeSummary
 from sim_backend.reality_gap.subjects.cube.tracker import TrackerStatistics
 
@@ -27,10 +27,7 @@ def _contact() -> ContactSummary:
     for effect in dict.fromkeys(trial.effect for trial in TRIALS[1:]):
         values = np.array([trial.value for trial in TRIALS if trial.effect == effect])
         nominal = 0.0 if effect.startswith("tracking") else 1.0
-        response[effect] = (
-            values,
-            np.outer((values - nominal) / np.abs(values - nominal).max(), 40 * rng.normal(size=len(CONTACT_NAMES))),
-        )
+        response[effect] = (values, np.outer((values - nominal) / np.abs(values - nominal).max(), 40 * rng.normal(size=16)))
     return ContactSummary(5, np.zeros(len(CONTACT_NAMES)), response)
 
 
@@ -130,8 +127,8 @@ def test_a_hypothesis_that_is_left_out_is_not_judged():
 
 def _push(rng, wrong: float) -> Replayed:
     """A push that fits but for noise, and for errors of its own."""
-    way = rng.normal(0.0, 0.3, (len(LEADS), len(TRIALS), 120))
-    way[:, 0] = 0.0
+    way = rng.normal(0.0, 0.3, (len(TRIALS), 120))
+    way[0] = 0.0
     residual = rng.normal(0.0, 0.02, 120) + wrong * rng.normal(size=120) - way
     return Replayed(residual, np.arange(120) % 6, np.linspace(0.0, 0.6, 120))
 

@@ -5,11 +5,9 @@ import pytest
 
 from sim_backend.driver.driver import Start, hold_command
 from sim_backend.driver.simulated import SimulatedDriver
-from sim_backend.effects.physics import Physics
-from sim_backend.reality_gap.bench.cube_sessions import cube_sessions
 from sim_backend.reality_gap.knowledge.cube import NOMINAL, Trial
-from sim_backend.reality_gap.subjects.cube.replay import FORCE_STD_N, LEADS, PLACE_STD_M, PushReplay
-from sim_backend.reality_gap.subjects.cube.windows import BEFORE_S, LENGTH_S, PushWindow, all_push_windows
+from sim_backend.reality_gap.subjects.cube.replay import FORCE_STD_N, PLACE_STD_M, PushReplay
+from sim_backend.reality_gap.subjects.cube.windows import LENGTH_S, PushWindow
 from sim_backend.trifinger import constants as c
 from sim_backend.trifinger.kinematics import fingertip_position_world_m
 
@@ -63,30 +61,14 @@ def test_what_the_nominal_robot_did_leaves_nothing(replay):
 def test_a_torque_that_is_missing_shows_as_a_force_at_the_tip(replay):
     missing_nm = 0.02
     found = replay.replay([_held(missing_nm)])[0]
+    force_n = FORCE_STD_N * np.array([found.residual[0][found.channel == k].mean() for k in range(3)])
     expected = np.linalg.solve(_held().jacobian_m[0].T, np.array([0.0, -missing_nm, 0.0]))
-    for residual in found.residual[:, 0]:
-        force_n = FORCE_STD_N * np.array([residual[found.channel == k].mean() for k in range(3)])
-        assert np.linalg.norm(force_n) == pytest.approx(np.linalg.norm(expected), rel=0.1)
-        assert force_n[2] == pytest.approx(expected[2], rel=0.2)
+    assert np.linalg.norm(force_n) == pytest.approx(np.linalg.norm(expected), rel=0.1)
+    assert force_n[2] == pytest.approx(expected[2], rel=0.2)
 
 
 def test_a_tracker_that_is_off_is_off_before_and_after(replay):
     found = replay.replay([_held()] * 7)
     assert len(found) == 7
-    place = found[6].residual[:, 1][:, found[6].channel == 3]
-    assert place == pytest.approx(np.zeros((len(LEADS), len(FRAMES))), abs=0.01 / PLACE_STD_M * 0.01)
-
-
-def test_a_finger_led_stiffly_pushes_a_heavier_cube_nearly_as_far_and_one_led_softly_does_not():
-    windows = all_push_windows(cube_sessions(Physics.nominal(), [3], finer=1)[0])
-    found = PushReplay((NOMINAL, Trial("cube_mass", 1.25, {"cube_mass.factor": 1.25}))).replay(windows)
-    assert len(found) >= 3
-    ways, forces = [], []
-    for push in found:
-        moved = push.residual[:, 0] - push.residual[:, 1]
-        early = push.time_s < BEFORE_S + 0.2  # later on it hangs on little whether a cube slips
-        for squares, channels in ((ways, (3, 4)), (forces, (0, 1, 2))):
-            squares.append((moved[:, early & np.isin(push.channel, channels)] ** 2).mean(axis=1))
-    way, force = (np.sqrt(np.mean(squares, axis=0)) for squares in (ways, forces))
-    assert way[1] < 0.6 * way[0]
-    assert force[1] > force[0]
+    place = found[6].residual[1][found[6].channel == 3]
+    assert place == pytest.approx(np.zeros(len(FRAMES)), abs=0.01 / PLACE_STD_M * 0.01)

@@ -7,7 +7,7 @@ import pytest
 
 from sim_backend.reality_gap.knowledge.cube import TRIALS, Kind
 from sim_backend.reality_gap.subjects.cube.healthy import load_calibration
-from sim_backend.reality_gap.subjects.cube.replay import LEADS, Replayed
+from sim_backend.reality_gap.subjects.cube.replay import Replayed
 from sim_backend.reality_gap.subjects.cube.summary import CubeEvidence
 from sim_backend.reality_gap.subjects.cube.support import Supported, supported
 from sim_backend.reality_gap.subjects.cube.tracker import TrackerStatistics
@@ -20,10 +20,10 @@ SIZE = 60
 
 def _pushes(count: int, heavy: Sequence[int]) -> tuple[Replayed, ...]:
     """Pushes that each trial changes in a way of its own; those of ``heavy`` went as with a heavier cube."""
-    ways = np.random.default_rng(3).normal(size=(len(LEADS), len(TRIALS), SIZE))
-    ways[:, 0] = 0.0
+    ways = np.random.default_rng(3).normal(size=(len(TRIALS), SIZE))
+    ways[0] = 0.0
     channel, time_s = np.arange(SIZE) % 6, np.linspace(0.0, 0.66, SIZE)
-    return tuple(Replayed(ways[:, [HEAVY if k in heavy else 0]] - ways, channel, time_s) for k in range(count))
+    return tuple(Replayed((ways[HEAVY] if k in heavy else ways[0]) - ways, channel, time_s) for k in range(count))
 
 
 def test_a_cause_in_one_push_alone_gains_next_to_nothing_and_one_in_all_pushes_gains():

@@ -41,7 +41,12 @@ def cause(key, low, high, joint=0):
     ],
 )
 def test_what_is_clear_where_a_robot_differs_everywhere(key, low, high, is_it):
-    study = SimpleNamespace(problem=SimpleNamespace(names=c.JOINT_NAMES), problem_start=lambda key, index: 0.0, is_of_many=True)
+    study = SimpleNamespace(
+        fit=SimpleNamespace(accepted=()),
+        problem=SimpleNamespace(names=c.JOINT_NAMES),
+        problem_start=lambda key, index: 0.0,
+        is_of_many=True,
+    )
     assert is_clear(study, cause(key, low, high)) is is_it
     study.is_of_many = False
     assert is_clear(study, cause(key, low, high)), "elsewhere whatever is named is told"
@@ -49,5 +54,10 @@ def test_what_is_clear_where_a_robot_differs_everywhere(key, low, high, is_it):
 
 def test_what_is_clear_at_one_joint_of_a_finger_need_not_be_at_another():
     """Values of such robots are off by as much at a lowest joint, which carries next to nothing."""
-    study = SimpleNamespace(problem=SimpleNamespace(names=c.JOINT_NAMES), problem_start=lambda key, index: 0.0, is_of_many=True)
+    study = SimpleNamespace(
+        fit=SimpleNamespace(accepted=()),
+        problem=SimpleNamespace(names=c.JOINT_NAMES),
+        problem_start=lambda key, index: 0.0,
+        is_of_many=True,
+    )
     assert [is_clear(study, cause("load_friction.coefficient", 0.1, 0.3, joint)) for joint in range(3)] == [True, True, False]

@@ -14,7 +14,12 @@ def offset(joint: int, value: float = 0.05) -> Cause:
 
 
 def study(*, is_of_many: bool = True):
-    return SimpleNamespace(problem=SimpleNamespace(names=JOINT_NAMES), problem_start=lambda *_: 0.0, is_of_many=is_of_many)
+    return SimpleNamespace(
+        fit=SimpleNamespace(accepted=()),
+        problem=SimpleNamespace(names=JOINT_NAMES),
+        problem_start=lambda *_: 0.0,
+        is_of_many=is_of_many,
+    )
 
 
 def test_encoders_of_first_joints_may_be_a_tilt_of_the_table_where_a_robot_differs_everywhere():
