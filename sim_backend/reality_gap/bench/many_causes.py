@@ -60,6 +60,8 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     if options.calibrate is not None and (options.effects is not None or options.excitation != STANDARD):
         parser.error(f"--calibrate is for robots with all effects, seen by {STANDARD}")
+    if lacking := [str(folder) for folder in options.calibrate or () if not (folder / _LINES).is_file()]:
+        parser.error(f"--calibrate: there is no {_LINES} in {', '.join(lacking)}")
     try:
         return _run(options)
     except (OSError, WorkersError) as error:
