@@ -60,8 +60,10 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     if options.calibrate is not None and (options.effects is not None or options.excitation != STANDARD):
         parser.error(f"--calibrate is for robots with all effects, seen by {STANDARD}")
-    if lacking := [str(folder) for folder in options.calibrate or () if not (folder / _LINES).is_file()]:
-        parser.error(f"--calibrate: there is no {_LINES} in {', '.join(lacking)}")
+    seen = options.effects, options.excitation
+    for folder in options.calibrate or ():
+        if not any(_is_of(line, seen) for line in whole_lines(folder / _LINES)):
+            parser.error(f"--calibrate: there is no robot with all effects, seen by {STANDARD}, in {folder / _LINES}")
     try:
         return _run(options)
     except (OSError, WorkersError) as error:
@@ -75,7 +77,7 @@ def _run(options: argparse.Namespace) -> int:
     lines = _asked(options.out / _LINES, seeds, seen, (options.processes, options.cluster))
     if options.calibrate is not None:
         others = [line for folder in options.calibrate for line in whole_lines(folder / _LINES) if _is_of(line, seen)]
-        robots = {line["seed"]: line["values"] for line in (*lines, *others)}
+        robots = {line["seed"]: line["values"] for line in (*others, *lines)}
         FILE.write_text(json.dumps(document(list(robots.values()), sorted(robots)), indent=1) + "\n")
         print(f"wrote {FILE}: {len(robots)} robots")
     found = summary(lines)

@@ -6,7 +6,6 @@ import numpy as np
 from scipy import optimize, special, stats
 
 from sim_backend.reality_gap.knowledge.healthy import detection_limits
-from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger
 from sim_backend.reality_gap.subjects.joints.laws.hypotheses import PLATFORM
 from sim_backend.reality_gap.subjects.joints.torques.fit import JointFit
 from sim_backend.reality_gap.subjects.joints.torques.look import Accepted, JointProblem
@@ -23,8 +22,8 @@ _MOST_LEFT = 0.1
 def with_measured_lateness(problem: JointProblem, fit: JointFit) -> JointFit:
     """The fit with the scale of lateness as counted, where late commands are among its causes; else the same fit.
 
-    They are a TriFinger's cause as well if they are as late as can be told from commands that came in time and that explains what
-    was sent, whatever the fit says: where much else is wrong it sees none.
+    They are a cause as well where a TriFinger differs everywhere, of which the fit sees none, if they are as late as can be told
+    from commands that came in time, by turns, and that explains what was sent.
     """
     effect = LATENESS.partition(".")[0]
     taken = next((a for a in fit.accepted if a.effect == effect), None)
@@ -35,7 +34,8 @@ def with_measured_lateness(problem: JointProblem, fit: JointFit) -> JointFit:
     std_s, error_s = lateness_std_s(late, problem.episodes[0].path.step_s)
     if taken is None:
         left = sum(each.left for each in found) / max(sum(each.beside for each in found), 1e-12)
-        if not isinstance(problem.robot, KnownTriFinger) or std_s < detection_limits()[LATENESS] or left > _MOST_LEFT:
+        is_lateness = std_s >= detection_limits()[LATENESS] and left <= _MOST_LEFT and _is_by_turns(late)
+        if not fit.problem.is_of_many or not is_lateness:
             return fit
         term = next(term for term in fit.last.catalogue.terms if term.key == LATENESS)
         taken = Accepted(effect, PLATFORM, (term,), _gain(late))
@@ -43,6 +43,13 @@ def with_measured_lateness(problem: JointProblem, fit: JointFit) -> JointFit:
     state = replace(fit.state, given={**fit.state.given, LATENESS: np.array([std_s])})
     errors = {**fit.errors, (taken.effect, taken.where): np.full(len(taken.terms), error_s)}
     return replace(fit, state=state, errors=errors)
+
+
+def _is_by_turns(late_steps: np.ndarray) -> bool:
+    """Whether about as many commands came in time as of half-normal lateness: where all are late, the log is shifted."""
+    std_steps = lateness_std_s(late_steps, 1.0)[0]
+    in_time = float(1.0 - 2.0 * stats.norm.sf(0.5 / std_steps)) if std_steps > 0.0 else 1.0
+    return bool(np.mean(late_steps == 0) > 0.5 * in_time)
 
 
 def _gain(late_steps: np.ndarray) -> float:

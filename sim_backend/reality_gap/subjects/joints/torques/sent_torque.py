@@ -24,7 +24,9 @@ _TELLING_NM = 1e-4
 
 
 class LateCommands(NamedTuple):
-    """For each new position target, samples in which what was sent is what the target before it makes, shape (n,).
+    """For each new position target whose samples are all known, those in which what was sent is what the target before it makes.
+
+    ``steps`` has shape (n,).
 
     ``beside`` and ``left`` are sums over samples and joints of squares, (N m)^2: of what was sent beyond what the pipeline makes,
     and of that beyond what it makes of targets that are so late.
@@ -90,9 +92,10 @@ class SentTorque:
         difference = self._made(state, *_command_before(self._desired, self._target)) - base
         size = (difference**2).sum(axis=1)
         share = ((self._sent - base) * difference).sum(axis=1) / np.maximum(size, _TELLING_NM**2)
-        late = np.clip(np.round(share), 0.0, 1.0)
+        late = np.clip(np.round(share), 0.0, 1.0)  # NaN in a gap
         ends = np.append(starts[1:], len(late))[np.searchsorted(starts, of_position)]
-        told = [(start, end) for start, end in zip(of_position, ends, strict=True) if size[start] > _TELLING_NM**2]
+        holds = [(start, end) for start, end in zip(of_position, ends, strict=True) if size[start] > _TELLING_NM**2]
+        told = [(start, end) for start, end in holds if np.isfinite(late[start:end]).all()]
         beside = self._sent - base
         squares = tuple(float(np.nansum(each**2)) for each in (beside, beside - late[:, None] * difference))
         return LateCommands(np.array([late[start:end].sum() for start, end in told]), *squares)

@@ -42,7 +42,7 @@ def turned_bases(study: JointStudy, causes: Sequence[Cause]) -> tuple[Cause, ...
     Gravity is turned about a first joint's axis by either, and while the errors of all encoders are unknown no motion tells them
     apart.
     """
-    if not study.is_of_many or any((cause.effect, cause.parameter) in TILT for cause in causes):
+    if not study.is_of_many or any((cause.effect, cause.parameter) in TILT and is_clear(study, cause) for cause in causes):
         return ()
     return tuple(
         cause

@@ -76,7 +76,7 @@ def test_robots_with_some_effects_calibrate_nothing(tmp_path, capsys):
 def test_a_folder_without_robots_calibrates_nothing_and_is_named(tmp_path, capsys):
     with pytest.raises(SystemExit):
         main(["--first-seed", "1", "--out", str(tmp_path), "--calibrate", str(tmp_path / "nowhere")])
-    assert f"no robots.jsonl in {tmp_path / 'nowhere'}" in capsys.readouterr().err
+    assert f"in {tmp_path / 'nowhere' / 'robots.jsonl'}" in capsys.readouterr().err
 
 
 def test_a_folder_that_cannot_be_used_is_named(capsys):

@@ -6,8 +6,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sim_backend.reality_gap.knowledge.healthy import NO_SESSIONS
-from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, UnknownRobot
 from sim_backend.reality_gap.recording import JointSignals
 from sim_backend.reality_gap.subjects.joints.laws.hypotheses import PLATFORM
 from sim_backend.reality_gap.subjects.joints.laws.state import JointState, Term
@@ -50,21 +48,24 @@ def test_each_target_is_late_by_the_samples_in_which_the_one_before_it_acts():
     sent = -pipeline(acting, nothing).residual(state)
     found = pipeline(target, sent).late_commands(state)
     assert found.steps.tolist() == list(late)
+    sent[3 * steps // 8 + 7] = np.nan
+    assert pipeline(target, sent).late_commands(state).steps.tolist() == [*late[:2], *late[3:]], (
+        "what is not known is not counted"
+    )
     assert found.left < 1e-12 < found.beside
 
 
-ROBOT = KnownTriFinger(NO_SESSIONS)
 TERM = Term("timing_jitter.std_s", 0, 1e-3)
 
 
-def measured(std_s=0.001, *, left=0.01, robot=ROBOT, excluded=(), accepted=()) -> JointFit:
+def measured(std_s=0.001, *, left=0.01, is_of_many=True, excluded=(), accepted=(), steps=None) -> JointFit:
     """What is made of a fit that has not seen the lateness of 2000 commands."""
-    steps = np.round(std_s / STEP_S * np.abs(np.random.default_rng(5).standard_normal(2000)))
+    steps = np.round(std_s / STEP_S * np.abs(np.random.default_rng(5).standard_normal(2000))) if steps is None else steps
     episode = SimpleNamespace(late_commands=lambda _: LateCommands(steps, 40.0, 40.0 * left), path=SimpleNamespace(step_s=STEP_S))
     look = SimpleNamespace(catalogue=SimpleNamespace(terms=(Term("action_delay.delay_s", 0, 1e-3), TERM)))
     empty = dict.fromkeys(field.name for field in fields(JointFit))
-    fit = JointFit(**(empty | {"accepted": accepted, "state": JointState(9), "errors": {}, "looks": (look,)}))
-    problem = SimpleNamespace(episodes=(episode,), robot=robot, excluded=excluded)
+    problem = SimpleNamespace(episodes=(episode,), excluded=excluded, is_of_many=is_of_many)
+    fit = JointFit(**(empty | {"problem": problem, "accepted": accepted, "state": JointState(9), "errors": {}, "looks": (look,)}))
     return with_measured_lateness(problem, fit)  # pyrefly: ignore[bad-argument-type] - what is looked at of it
 
 
@@ -86,8 +87,8 @@ def test_what_the_fit_saw_is_counted_and_stays_the_only_one():
 
 @pytest.mark.parametrize(
     "otherwise",
-    [{"std_s": 0.0003}, {"left": 0.5}, {"robot": UnknownRobot()}, {"excluded": ("timing_jitter",)}],
-    ids=["too little", "something else", "another robot", "left out"],
+    [{"std_s": 0.0003}, {"left": 0.5}, {"is_of_many": False}, {"excluded": ("timing_jitter",)}, {"steps": np.ones(2000)}],
+    ids=["too little", "something else", "the fit would see it", "left out", "a shifted log"],
 )
 def test_no_cause_is_made_of_counts_that_may_be_something_else(otherwise):
     assert measured(**otherwise).accepted == ()
