@@ -35,14 +35,13 @@ class UsualErrors(NamedTuple):
         return 0.5 * (self.below + self.above)
 
 
-NONE = UsualErrors(0.0, 0.0)
 STANDSTILL_SPEED = "stribeck_friction.speed_rad_s"
 """Within which friction near standstill falls off."""
 _STANDSTILL = "stribeck_friction.extra_nm"
 _TRADED_WITH_IT = frozenset({_STANDSTILL, "coulomb_friction.torque_nm", "directional_friction.difference_nm", TORQUE_CONSTANT})
 
 
-def usual_errors(key: str, where: str, standstill_rad_s: float | None = None) -> UsualErrors:
+def usual_errors(key: str, where: str, standstill_rad_s: float | None) -> UsualErrors:
     """What is to be added to a value's interval, in its unit.
 
     None for what was never named on those robots: it takes over nothing. What was named elsewhere alone has the largest of there.
@@ -63,7 +62,7 @@ def _kept() -> dict[str, dict[str, UsualErrors]]:
     return {key: {at: UsualErrors(*sides) for at, sides in of.items()} for key, of in errors.items()}
 
 
-def circumstance(key: str, where: str, standstill_rad_s: float | None = None) -> str:
+def circumstance(key: str, where: str, standstill_rad_s: float | None) -> str:
     """Place in the finger, and of what friction near standstill trades with whether its speed is seen there: half-way between the
     two least that are probed, or faster.
     """
@@ -88,7 +87,7 @@ def place_in_finger(where: str) -> str:
     return place if place and finger.startswith("finger") else where
 
 
-def is_telling(key: str, where: str, standstill_rad_s: float | None = None) -> bool:
+def is_telling(key: str, where: str, standstill_rad_s: float | None) -> bool:
     """Whether a value can show by itself, where a robot differs everywhere, that its effect is there."""
     return key in NUMBERS and usual_errors(key, where, standstill_rad_s).half <= TELLING * SCALES[key]
 
@@ -105,6 +104,24 @@ def measured_errors(robots: Sequence[Sequence[Mapping]]) -> dict[str, dict[str, 
     Args:
         robots: the values of each: ``key``, ``where``, ``value``, ``truth`` and ``own``, half of the interval by noise alone.
     """
+    return {
+        key: {at: UsualErrors(_largest(values), _largest([-off for off in values])) for at, values in of.items()}
+        for key, of in _beyond_own(robots).items()
+    }
+
+
+def document(robots: Sequence[Sequence[Mapping]], seeds: Sequence[int]) -> dict:
+    """The calibration file: errors, and of how many values each is."""
+    return {
+        "errors": measured_errors(robots),
+        "values": {key: {at: len(values) for at, values in of.items()} for key, of in _beyond_own(robots).items()},
+        "robots": len(seeds),
+        "seeds": list(seeds),
+    }
+
+
+def _beyond_own(robots: Sequence[Sequence[Mapping]]) -> dict[str, dict[str, list[float]]]:
+    """By parameter and circumstance how far values lie above the truth beyond what their own noise explains; sorted by name."""
     beyond: dict[str, dict[str, list[float]]] = {}
     for rows in robots:
         values = {(row["key"], row["where"]): row["value"] for row in rows}
@@ -113,21 +130,7 @@ def measured_errors(robots: Sequence[Sequence[Mapping]]) -> dict[str, dict[str, 
             off = deviation(key, row["value"], row["truth"])
             at = beyond.setdefault(key, {}).setdefault(circumstance(key, where, values.get((STANDSTILL_SPEED, where))), [])
             at.append(float(np.sign(off) * np.sqrt(max(0.0, off**2 - row["own"] ** 2))))
-    return {
-        key: {at: UsualErrors(_largest(values), _largest([-off for off in values])) for at, values in sorted(of.items())}
-        for key, of in sorted(beyond.items())
-    }
-
-
-def document(robots: Sequence[Sequence[Mapping]], seeds: Sequence[int]) -> dict:
-    """The calibration file."""
-    errors, rows = measured_errors(robots), [row for values in robots for row in values]
-    return {
-        "errors": errors,
-        "values": {key: sum(row["key"] == key for row in rows) for key in errors},
-        "robots": len(seeds),
-        "seeds": list(seeds),
-    }
+    return {key: dict(sorted(of.items())) for key, of in sorted(beyond.items())}
 
 
 def _largest(values: Sequence[float]) -> float:

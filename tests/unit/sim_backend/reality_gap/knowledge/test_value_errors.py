@@ -6,7 +6,6 @@ import pytest
 from sim_backend.reality_gap.knowledge.joint_effects import SCALES
 from sim_backend.reality_gap.knowledge.value_errors import (
     COVERED,
-    NONE,
     STANDSTILL_SPEED,
     UsualErrors,
     circumstance,
@@ -84,7 +83,7 @@ def test_turns_of_a_motor_have_no_whole_ones():
 def test_the_file_says_what_it_is_made_of():
     found = document([rows_of([0.01] * 20), rows_of([0.04] * 20, key="load_friction.coefficient")], [1, 3])
     assert (found["robots"], found["seeds"]) == (2, [1, 3])
-    assert found["values"] == {KEY: 20, "load_friction.coefficient": 20}
+    assert found["values"] == {KEY: {UPPERMOST: 20}, "load_friction.coefficient": {UPPERMOST: 20}}
     assert found["errors"] == {
         KEY: {UPPERMOST: pytest.approx((0.01, 0.0))},
         "load_friction.coefficient": {UPPERMOST: pytest.approx((0.04, 0.0))},
@@ -93,16 +92,16 @@ def test_the_file_says_what_it_is_made_of():
 
 @pytest.mark.parametrize("key", ["controller_restart.off", "position_gain.factor", "timing_jitter.std_s"])
 def test_what_takes_over_nothing_can_be_told(key):
-    assert usual_errors(key, "platform") == NONE
-    assert is_telling(key, "platform")
+    assert usual_errors(key, "platform", None) == (0.0, 0.0)
+    assert is_telling(key, "platform", None)
 
 
 def test_what_is_usually_far_off_tells_nothing_and_the_same_may_tell_where_it_is_not():
-    assert not is_telling("load_friction.coefficient", "finger120_middle_to_lower")
-    assert is_telling("load_friction.coefficient", "finger120_upper_to_middle")
-    assert not is_telling("stribeck_friction.speed_rad_s", "finger0_base_to_upper")
+    assert not is_telling("load_friction.coefficient", "finger120_middle_to_lower", None)
+    assert is_telling("load_friction.coefficient", "finger120_upper_to_middle", None)
+    assert not is_telling("stribeck_friction.speed_rad_s", "finger0_base_to_upper", 0.1)
 
 
 @pytest.mark.parametrize("key", SCALES)
 def test_every_number_that_a_study_can_name_has_one(key):
-    assert 0.0 <= usual_errors(key, "finger0_base_to_upper").half < 10 * SCALES[key]
+    assert 0.0 <= usual_errors(key, "finger0_base_to_upper", 0.1).half < 10 * SCALES[key]

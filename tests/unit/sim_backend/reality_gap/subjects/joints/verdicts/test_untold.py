@@ -1,5 +1,6 @@
 """What the data of joints cannot tell."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -32,3 +33,4 @@ def test_encoders_of_first_joints_may_be_a_tilt_of_the_table_where_a_robot_diffe
 def test_a_tilt_that_is_told_is_not_told_again(parameter):
     tilt = Cause("table_tilt", parameter, "platform", 0.01, "rad", (0.005, 0.015))
     assert not turned_bases(study(), [offset(0), tilt])
+    assert turned_bases(study(), [offset(0), replace(tilt, interval_90=(-0.005, 0.025))]), "it may be none"
