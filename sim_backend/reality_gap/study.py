@@ -18,14 +18,14 @@ import numpy as np
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.effects.effect import Scope
 from sim_backend.effects.physics import Physics
-from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, UnknownRobot
+from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, Robot, UnknownRobot
 from sim_backend.reality_gap.measured.farm_logs import FarmLogs, find_logs, read_farm_logs
 from sim_backend.reality_gap.measured.foreign.episodes import read_recordings
 from sim_backend.reality_gap.measured.foreign.naming import listed, nearest
 from sim_backend.reality_gap.measured.foreign.study_file import StudyFile, load_study_file
 from sim_backend.reality_gap.measured.foreign.study_model import NominalValue
-from sim_backend.reality_gap.model.files import write_models
-from sim_backend.reality_gap.model.model import load_extended_model, provenance_of
+from sim_backend.reality_gap.model.files import writable, write_models
+from sim_backend.reality_gap.model.model import load_extended_model, physics_of, provenance_of
 from sim_backend.reality_gap.recording import RecordingError
 from sim_backend.reality_gap.report.report import write_html
 from sim_backend.reality_gap.subjects.cube import subject as cube
@@ -35,7 +35,7 @@ from sim_backend.reality_gap.subjects.joints.torques.calibrating import METHODS
 from sim_backend.reality_gap.subjects.subject import Material, Progress, Sections, Subject, part
 from sim_backend.reality_gap.subjects.tosses import subject as tosses
 from sim_backend.reality_gap.success.prediction import Question, Trials, read_question, success_of
-from sim_backend.reality_gap.verdict import Cause, Verdict, joined
+from sim_backend.reality_gap.verdict import Cause, Verdict, VerdictKind, joined
 
 SUBJECTS: tuple[Subject, ...] = (joints, cube, tosses)
 
@@ -105,7 +105,10 @@ def verdict_of(material: Material, rng: np.random.Generator, progress: Progress)
         known = UnknownRobot(material.study_file.tolerance)
     else:
         known = KnownTriFinger.seen_in(joints.seen_in(material))
-    found = [subject.study(material, known, rng, own) for subject, own in zip(asked, _shares(asked, progress), strict=True)]
+    found: list[tuple[Verdict, Sections]] = []
+    for subject, own in zip(asked, _shares(asked, progress), strict=True):
+        found.append(subject.study(material, known, rng, own))
+        known = knowing(known, found[-1][0])
     verdict, sections = joined([verdict for verdict, _ in found]), {}
     for _, own in reversed(found):
         sections |= own
@@ -116,6 +119,13 @@ def verdict_of(material: Material, rng: np.random.Generator, progress: Progress)
         unread = f"anything from logs of trials ({len(material.trials)}): fingers may touch the cube and the table there"
         verdict = replace(verdict, cannot_tell=(*verdict.cannot_tell, unread))
     return verdict, sections
+
+
+def knowing(known: Robot, verdict: Verdict) -> Robot:
+    """What is known of a TriFinger after one of its subjects was studied."""
+    if not isinstance(known, KnownTriFinger) or verdict.verdict is not VerdictKind.NAMED:
+        return known
+    return replace(known, found=physics_of(writable(verdict.causes), known.found))
 
 
 def _shares(asked: list[Subject], progress: Progress) -> list[Progress]:

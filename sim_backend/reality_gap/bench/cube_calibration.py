@@ -22,7 +22,14 @@ from sim_backend.reality_gap.subjects.cube.contact import CONTACT_NAMES
 from sim_backend.reality_gap.subjects.cube.healthy import PACKAGED, HealthyCubes
 from sim_backend.reality_gap.subjects.cube.hypotheses import Null, without_worst
 from sim_backend.reality_gap.subjects.cube.replay import PushReplay
-from sim_backend.reality_gap.subjects.cube.summary import NAMES, CubeEvidence, CubeSummary, evidence_of, summary_of_evidence
+from sim_backend.reality_gap.subjects.cube.summary import (
+    NAMES,
+    PLACED_NAMES,
+    CubeEvidence,
+    CubeSummary,
+    evidence_of,
+    summary_of_evidence,
+)
 from sim_backend.reality_gap.subjects.cube.support import supported
 from sim_backend.refusal import refused
 from sim_backend.workers.pool import Workers, WorkersError, open_workers
@@ -134,7 +141,7 @@ def fit_null(summaries: Sequence[CubeSummary], jump_probabilities: Sequence[floa
 
 def _related() -> np.ndarray:
     """Which numbers may scatter together, shape (k, k) of 0 and 1: those of pushes and the height of rest; no others."""
-    pushed = np.array([name == "rest_height_m" or name in CONTACT_NAMES for name in NAMES])
+    pushed = np.array([name in PLACED_NAMES for name in NAMES])
     return np.where(np.outer(pushed, pushed), 1.0, np.eye(len(NAMES)))
 
 

@@ -35,7 +35,8 @@ from sim_backend.trifinger.constants import JOINT_NAMES
 from sim_backend.trifinger.scene import compile_scene
 from sim_backend.workers.pool import WorkersError, open_workers
 
-_LINES = "robots.jsonl"
+LINES = "robots.jsonl"
+"""Of a folder with results: a line for each robot."""
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -62,8 +63,8 @@ def main(arguments: list[str] | None = None) -> int:
         parser.error(f"--calibrate is for robots with all effects, seen by {STANDARD}")
     seen = options.effects, options.excitation
     for folder in options.calibrate or ():
-        if not any(_is_of(line, seen) for line in whole_lines(folder / _LINES)):
-            parser.error(f"--calibrate: there is no robot with all effects, seen by {STANDARD}, in {folder / _LINES}")
+        if not any(_is_of(line, seen) for line in whole_lines(folder / LINES)):
+            parser.error(f"--calibrate: there is no robot with all effects, seen by {STANDARD}, in {folder / LINES}")
     try:
         return _run(options)
     except (OSError, WorkersError) as error:
@@ -74,9 +75,9 @@ def _run(options: argparse.Namespace) -> int:
     options.out.mkdir(parents=True, exist_ok=True)
     seeds = range(options.first_seed, options.first_seed + options.robots)
     seen = options.effects, options.excitation
-    lines = _asked(options.out / _LINES, seeds, seen, (options.processes, options.cluster))
+    lines = _asked(options.out / LINES, seeds, seen, (options.processes, options.cluster))
     if options.calibrate is not None:
-        others = [line for folder in options.calibrate for line in whole_lines(folder / _LINES) if _is_of(line, seen)]
+        others = [line for folder in options.calibrate for line in whole_lines(folder / LINES) if _is_of(line, seen)]
         robots = {line["seed"]: line["values"] for line in (*others, *lines)}
         FILE.write_text(json.dumps(document(list(robots.values()), sorted(robots)), indent=1) + "\n")
         print(f"wrote {FILE}: {len(robots)} robots")
@@ -104,6 +105,11 @@ def _asked(path: Path, seeds: Sequence[int], seen: tuple[int | None, str], at: t
 def _is_of(line: Mapping, seen: tuple[int | None, str]) -> bool:
     """Whether a line is of robots with so many effects that an excitation has seen."""
     return (line["effects"], line.get("excitation", STANDARD)) == seen
+
+
+def is_of_real(line: Mapping) -> bool:
+    """Whether a line is of a robot with all effects that the standard excitation has seen."""
+    return _is_of(line, (None, STANDARD))
 
 
 def robot(seed: int, effects: int | None = None) -> Physics:

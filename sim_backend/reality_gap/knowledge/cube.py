@@ -92,7 +92,7 @@ LINEAR = (
     Linear(
         "tracking_offset",
         Kind.PUSHES,
-        (("position_m.x", "camera", "m"), ("position_m.y", "camera", "m"), ("position_m.z", "camera", "m")),
+        (("position_m", "x", "m"), ("position_m", "y", "m"), ("position_m", "z", "m")),
         ({}, {}, {"rest_height_m": 1.0}),
         ("tracking_offset_x", "tracking_offset_y", None),
         is_place=True,
@@ -126,7 +126,53 @@ KINDS: Mapping[Kind, tuple[str, ...]] = {
     Kind.PUSHES: (*(row.effect for row in LINEAR if row.kind is Kind.PUSHES), *(row.effect for row in TABLED)),
 }
 """Effects by what they show in."""
+OFFSET, SCALE = "tracking_offset", "tracking_scale"
+"""Of those that pushes show, the tracker's; the others are factors of the robot's physics."""
+SIZE = "cube_size"
+"""What the height of a cube at rest goes by."""
+NUMBERS_OF_PUSHES: Mapping[str, tuple[tuple[str, str, str], ...]] = {
+    **{row.effect: row.parameters for row in LINEAR if row.kind is Kind.PUSHES},
+    **{row.effect: ((row.parameter, row.where, ""),) for row in TABLED},
+}
+"""Name, place and unit of each number of the effects that pushes show."""
+PUSHED: Mapping[str, str] = {effect: f"{effect}.{numbers[0][0]}" for effect, numbers in NUMBERS_OF_PUSHES.items()}
+"""Key of the parameter of each of them."""
+USUAL_SIZES: Mapping[str, float] = {
+    "cube_mass": 0.2,
+    "table_friction": 0.5,
+    "fingertip_friction": 0.5,
+    "cube_size": 0.01,
+    "tracking_offset": 0.003,
+    "tracking_scale": 0.01,
+}
+"""Standard deviation of the numbers of each before anything is seen, about where it is absent, where several are asked at once:
+what may be one or the other is the one that is less far-fetched. Frictions go by dirt and wear, masses by how a cube is filled
+and painted; a cube is printed to tenths of a millimetre, and cameras that see it many millimetres off were calibrated badly."""
 HYPOTHESES = (*(row.effect for row in LINEAR), *(row.effect for row in TABLED), *(row.effect for row in COUNTED))
+
+
+REPLAYED = frozenset(
+    {
+        "action_delay",
+        "torque_constant",
+        "cogging",
+        "backlash",
+        "coulomb_friction",
+        "viscous_friction",
+        "stribeck_friction",
+        "load_friction",
+        "directional_friction",
+        "link_mass",
+        "rotor_inertia",
+        "joint_stiffness",
+        "table_tilt",
+        "gravity",
+    }
+)
+"""What was found of joints and goes into the replay of pushes. Not chance and filters; nor heat, as nobody knows how warm a motor
+is when a push begins."""
+ENCODER_OFFSET = "encoder_offset.offset_rad"
+"""What goes into the positions that are replayed."""
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,8 @@ JOINTS_FILE, CUBES_FILE = (Path(__file__).with_name(f"healthy_{name}.toml") for 
 SESSIONS_FILE = Path(__file__).with_name("healthy_joints.json")
 LIMITS_FILE = Path(__file__).with_name("detection_limits.json")
 """Deviation of each number that joints show in half of all healthy sessions, by a test that is told effect and place."""
+CUBES_OF_MANY_FILE = Path(__file__).with_name("cubes_of_many.json")
+"""How numbers of pushes scatter about those of healthy sessions where a robot differs everywhere."""
 STANDARD, STANDARD_S = "standard", 40.0
 """The excitation that limits were measured with, and how long its sessions are."""
 

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +10,9 @@ import numpy as np
 from scipy import stats
 
 from sim_backend.reality_gap.knowledge.cube import KINDS, Kind
-from sim_backend.reality_gap.knowledge.healthy import CUBES_FILE
-from sim_backend.reality_gap.subjects.cube.hypotheses import Null
-from sim_backend.reality_gap.subjects.cube.summary import NAMES
+from sim_backend.reality_gap.knowledge.healthy import CUBES_FILE, CUBES_OF_MANY_FILE
+from sim_backend.reality_gap.subjects.cube.hypotheses import Null, WhitenedSession
+from sim_backend.reality_gap.subjects.cube.summary import NAMES, PLACED_NAMES
 
 FORMAT = 3
 PACKAGED = CUBES_FILE.with_suffix(".json")
@@ -86,6 +86,47 @@ def load_calibration(path: Path = PACKAGED) -> HealthyCubes:
     seeds = tuple(map(tuple, document["seeds"]))
     push_gains, misfits = np.array(document["push_gains"]), np.array(document["misfits"])
     return HealthyCubes(Null(**null), gains, push_gains, misfits, peaks, document["limits"], seeds)
+
+
+@dataclass(frozen=True)
+class CubesOfMany:
+    """What a session is compared with whose robot differs everywhere: what its joints are still off by forces pushes, too.
+
+    Attributes:
+        null: scatter over such robots where no more is wrong with the cube than is known.
+        misfits: misfit for each number that pushes show, of each of them, increasing.
+    """
+
+    null: Null
+    misfits: np.ndarray
+
+    def misfit_p(self, per_number: float) -> float:
+        """Share of such robots that lie at least so far off."""
+        return _share(self.misfits, per_number)
+
+
+def cubes_of_many(healthy: Null, path: Path = CUBES_OF_MANY_FILE) -> CubesOfMany:
+    """The table that ``bench/cube_of_many.py`` wrote, which is in standard deviations of healthy sessions."""
+    kept = json.loads(path.read_text(encoding="utf-8"))
+    return CubesOfMany(scattered(healthy, kept["middle"], kept["spread"]), np.array(kept["misfits"]))
+
+
+def scattered(healthy: Null, middle: Mapping[str, float], spread: Mapping[str, float]) -> Null:
+    """A scatter with other middles and spreads of some numbers, by name, in standard deviations of healthy sessions."""
+    std = np.sqrt(np.diag(healthy.covariance))
+    factors, middles = (np.array([given.get(name, usual) for name in NAMES]) for given, usual in ((spread, 1.0), (middle, 0.0)))
+    return replace(healthy, mean=healthy.mean + middles * std, covariance=healthy.covariance * np.outer(factors, factors))
+
+
+def misfit_of_pushes(seen: WhitenedSession, left: np.ndarray) -> float:
+    """Mean square of the numbers that pushes show.
+
+    Args:
+        seen: a session.
+        left: its vector, or what hypotheses leave of it, shape (kept,).
+    """
+    of_pushes = left[np.isin(np.array(NAMES)[seen.kept], PLACED_NAMES)]
+    return float(of_pushes @ of_pushes) / len(of_pushes)
 
 
 def _share(healthy: np.ndarray, value: float) -> float:

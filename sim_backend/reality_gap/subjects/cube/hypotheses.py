@@ -5,18 +5,20 @@ and two counts. A hypothesis says how the vector would move, in proportion to it
 is how much more likely the session is with its best number than as a healthy one, in nats, less one for each further number.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sim_backend.reality_gap.knowledge.cube import COUNTED, KINDS, LINEAR, TABLED, Count, Kind, Linear, Tabled
+from sim_backend.reality_gap.quantiles import Z_90
 from sim_backend.reality_gap.subjects.cube.contact import CONTACT_NAMES
 from sim_backend.reality_gap.subjects.cube.counts import count_gain
 from sim_backend.reality_gap.subjects.cube.offset import best_offset
 from sim_backend.reality_gap.subjects.cube.summary import NAMES, CubeEvidence, CubeSummary, summary_of_evidence
 from sim_backend.reality_gap.subjects.cube.tracker import TrackerStatistics
 from sim_backend.reality_gap.subjects.cube.windows import LEAST_PUSHES
+from sim_backend.reality_gap.verdict import Cause
 from sim_backend.trifinger import constants as c
 
 FINE = 400
@@ -82,6 +84,11 @@ class Estimate:
     unit: str
     std: float
 
+    def cause(self) -> Cause:
+        """The same with its 90 % interval."""
+        low, high = self.value - Z_90 * self.std, self.value + Z_90 * self.std
+        return Cause(self.effect, self.parameter, self.where, self.value, self.unit, (low, high))
+
 
 @dataclass(frozen=True)
 class Judged:
@@ -96,6 +103,23 @@ class Judged:
     gain: float
     estimates: tuple[Estimate, ...]
     left: np.ndarray
+
+    def causes(self) -> tuple[Cause, ...]:
+        """Its numbers as causes."""
+        return tuple(estimate.cause() for estimate in self.estimates)
+
+
+def sentence(causes: Iterable[Cause]) -> str:
+    """Numbers in words, those of axes with the axis."""
+    return ", ".join(f"{_name(cause)} {cause.value:.4g} ± {_half(cause):.2g} {cause.unit}".strip() for cause in causes)
+
+
+def _name(cause: Cause) -> str:
+    return f"{cause.parameter} {cause.where}" if cause.where in ("x", "y", "z") else cause.parameter
+
+
+def _half(cause: Cause) -> float:
+    return 0.5 * (cause.interval_90[1] - cause.interval_90[0])
 
 
 _EXPONENTIAL = {"log_delay_std", "log_interval", "log_noise_m", "log_noise_rad"}
@@ -144,11 +168,21 @@ def farthest(seen: WhitenedSession, left: np.ndarray) -> dict[Kind, float]:
         seen: a session.
         left: its vector, or what a hypothesis leaves of it, shape (kept,).
     """
-    ways = seen.of(np.eye(len(NAMES))[seen.kept])
-    scores = np.abs(ways @ left) / np.linalg.norm(ways, axis=1)
-    pushed = np.isin(np.array(NAMES)[seen.kept], CONTACT_NAMES)
+    scores, pushed = _scores(seen, left), np.isin(np.array(NAMES)[seen.kept], CONTACT_NAMES)
     kinds = {Kind.TRACKER: scores[~pushed], Kind.PUSHES: scores[pushed]}
     return {kind: float(of_kind.max()) for kind, of_kind in kinds.items() if len(of_kind)}
+
+
+def farthest_names(seen: WhitenedSession, left: np.ndarray) -> list[tuple[str, float]]:
+    """The three numbers that are farthest off, each for itself, in standard deviations; arguments as of :func:`farthest`."""
+    scores = _scores(seen, left)
+    return [(NAMES[seen.kept[k]], float(scores[k])) for k in np.argsort(-scores)[:3]]
+
+
+def _scores(seen: WhitenedSession, left: np.ndarray) -> np.ndarray:
+    """How far off each kept number is for itself, standard deviations."""
+    ways = seen.of(np.eye(len(NAMES))[seen.kept])
+    return np.abs(ways @ left) / np.linalg.norm(ways, axis=1)
 
 
 def without_worst(evidence: CubeEvidence, null: Null) -> CubeEvidence:

@@ -14,6 +14,7 @@ from sim_backend.driver.driver import Command, Start
 from sim_backend.driver.simulated import SimulatedDriver
 from sim_backend.effects.physics import Physics
 from sim_backend.reality_gap.knowledge.cube import TRIALS, Trial
+from sim_backend.reality_gap.subjects.cube.base import NOMINAL_BASE, Base
 from sim_backend.reality_gap.subjects.cube.windows import LENGTH_S, PushWindow
 from sim_backend.trifinger import constants as c
 
@@ -44,11 +45,10 @@ class Replayed:
 class PushReplay:
     """Replays pushes under all ``trials``. Owner of the simulated robots that do it."""
 
-    def __init__(self, trials: Sequence[Trial] = TRIALS, threads: int = 1) -> None:
-        self.trials = tuple(trials)
-        rows = [trial.physics for trial in self.trials for _ in range(_ROWS_AT_ONCE)]
-        physics = Physics.stack([Physics.of(1, row) for row in rows])
-        self._driver = SimulatedDriver(robots=len(rows), threads=threads, physics=physics)
+    def __init__(self, trials: Sequence[Trial] = TRIALS, threads: int = 1, base: Base = NOMINAL_BASE) -> None:
+        self.trials, self._base = tuple(trials), base
+        rows = [base.tried(trial) for trial in self.trials for _ in range(_ROWS_AT_ONCE)]
+        self._driver = SimulatedDriver(robots=len(rows), threads=threads, physics=Physics.stack(rows))
         self._rest_m = self._driver.rest_height_m(np.tile([1.0, 0.0, 0.0, 0.0], (len(rows), 1)))
 
     def replay(self, windows: Sequence[PushWindow]) -> list[Replayed]:
@@ -59,7 +59,8 @@ class PushReplay:
             extra_nm, place_m, yaw_rad = self._simulate([some[i % len(some)] for i in range(_ROWS_AT_ONCE)])
             for i, window in enumerate(some):
                 rows = slice(i, None, _ROWS_AT_ONCE)
-                replayed.append(_residuals(self.trials, window, extra_nm[rows], place_m[rows], yaw_rad[rows]))
+                seen_m = np.stack([self._base.seen_m(trial, place_m[rows][k]) for k, trial in enumerate(self.trials)])
+                replayed.append(_residuals(window, extra_nm[rows], seen_m, yaw_rad[rows]))
         return replayed
 
     def _simulate(self, windows: Sequence[PushWindow]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -84,30 +85,27 @@ class PushReplay:
 
     def _start(self, windows: Sequence[PushWindow], position: np.ndarray, velocity: np.ndarray) -> Start:
         seen = np.stack([window.cube_xy_m for window in windows])
-        xy = np.concatenate([(seen - trial.bias_m) / (1.0 + trial.scale) for trial in self.trials])
+        xy = np.concatenate([self._base.place_m(trial, seen) for trial in self.trials])
         yaw = np.tile([window.cube_yaw_rad for window in windows], len(self.trials))
         quat = np.stack([np.cos(yaw / 2), 0 * yaw, 0 * yaw, np.sin(yaw / 2)], axis=1)
         place = np.concatenate([xy, self._rest_m[:, None]], axis=1)
         return Start(position[:, 0], place, quat, joint_velocity_rad_s=velocity[:, :10].mean(axis=1))
 
 
-def _residuals(
-    trials: Sequence[Trial], window: PushWindow, extra_nm: np.ndarray, place_m: np.ndarray, yaw_rad: np.ndarray
-) -> Replayed:
+def _residuals(window: PushWindow, extra_nm: np.ndarray, seen_m: np.ndarray, yaw_rad: np.ndarray) -> Replayed:
     """Forces in bins and poses in frames, as seen along the push; first axis of the arrays: trials."""
-    bins = extra_nm.shape[1] // BIN_STEPS
-    torque = extra_nm[:, : bins * BIN_STEPS].reshape(len(trials), bins, BIN_STEPS, 3).mean(axis=2)
+    trials, bins = len(extra_nm), extra_nm.shape[1] // BIN_STEPS
+    torque = extra_nm[:, : bins * BIN_STEPS].reshape(trials, bins, BIN_STEPS, 3).mean(axis=2)
     jacobian = window.jacobian_m[BIN_STEPS // 2 :: BIN_STEPS][:bins]
     force = np.linalg.solve(np.swapaxes(jacobian, -1, -2)[None], torque[..., None])[..., 0]
     along = np.array([*window.direction, 0.0])
     axes = np.stack([along, [-along[1], along[0], 0.0], [0.0, 0.0, 1.0]], axis=1)
     force = -(force @ axes) / FORCE_STD_N
     frames = window.frame_steps
-    seen = np.stack([place_m[i][frames] * (1.0 + trial.scale) + trial.bias_m for i, trial in enumerate(trials)])
-    way = (window.frame_xy_m - seen) @ axes[:2, :2] / PLACE_STD_M
+    way = (window.frame_xy_m - seen_m[:, frames]) @ axes[:2, :2] / PLACE_STD_M
     turn = np.nan_to_num(window.frame_yaw_rad - yaw_rad[:, frames]) / YAW_STD_RAD
     pose = np.concatenate([way, turn[..., None]], axis=2)
-    residual = np.concatenate([force.reshape(len(trials), -1), pose.reshape(len(trials), -1)], axis=1)
+    residual = np.concatenate([force.reshape(trials, -1), pose.reshape(trials, -1)], axis=1)
     channel = np.concatenate([np.tile([0, 1, 2], bins), np.tile([3, 4, 5], len(frames))])
     times = np.concatenate([np.repeat(np.arange(bins) + 0.5, 3) * BIN_STEPS, np.repeat(frames, 3)]) * c.PHYSICS_STEP_S
     return Replayed(np.clip(residual, -VIEW_LIMIT, VIEW_LIMIT), channel, times)

@@ -2,40 +2,41 @@
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from sim_backend.reality_gap.knowledge.cube import COUNTED, KINDS, Kind
+from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger
 from sim_backend.reality_gap.knowledge.separation import separated_by
-from sim_backend.reality_gap.quantiles import Z_90
 from sim_backend.reality_gap.recording import Recording
+from sim_backend.reality_gap.subjects.cube.base import Base
 from sim_backend.reality_gap.subjects.cube.contact import contact_summary
 from sim_backend.reality_gap.subjects.cube.counts import count_p
-from sim_backend.reality_gap.subjects.cube.healthy import HealthyCubes, load_calibration
-from sim_backend.reality_gap.subjects.cube.hypotheses import Judged, Null, judge, seen_count, without_worst
+from sim_backend.reality_gap.subjects.cube.gates import (
+    COUNT_P,
+    MARGIN,
+    MISFIT_P,
+    MOST_LEFT,
+    PEAK_P,
+    PUSH_GATE_P,
+    REMAINDER_P,
+    REMAINDER_PEAK_P,
+    is_beyond_chance,
+)
+from sim_backend.reality_gap.subjects.cube.healthy import HealthyCubes, cubes_of_many, load_calibration
+from sim_backend.reality_gap.subjects.cube.hypotheses import Judged, Null, judge, seen_count, sentence, without_worst
 from sim_backend.reality_gap.subjects.cube.replay import PushReplay, Replayed
+from sim_backend.reality_gap.subjects.cube.several import Scatter, one_after_the_other
 from sim_backend.reality_gap.subjects.cube.summary import NAMES, CubeEvidence, CubeSummary, summary_of, summary_of_evidence
 from sim_backend.reality_gap.subjects.cube.support import Supported, supported
 from sim_backend.reality_gap.subjects.cube.tracker import TrackerStatistics, tracker_statistics
+from sim_backend.reality_gap.subjects.cube.verdict_of_several import verdict_of_several
 from sim_backend.reality_gap.subjects.cube.windows import LEAST_PUSHES, all_push_windows
-from sim_backend.reality_gap.verdict import Cause, Rival, Verdict, VerdictKind
+from sim_backend.reality_gap.subjects.subject import Progress
+from sim_backend.reality_gap.verdict import Rival, Verdict, VerdictKind
 
-GATE_P = 0.0125
-"""A gain that so many healthy sessions reach is chance; each kind of hypotheses has gains of its own."""
-PUSH_GATE_P = 0.0075
-"""As much for each of two gains of hypotheses about pushes: by all of them, and by all but the push that adds most."""
-MISFIT_P = 0.0075
-"""As much for the misfit of the whole vector, whatever causes it."""
-PEAK_P = 0.005
-"""As much for the number that is farthest off for itself."""
-COUNT_P = 0.001
-"""As much for losses and jumps that no hypothesis is there for."""
-MARGIN = 5.0
-"""Nats by which the best hypothesis must lead, or the next ones may be the cause as well: odds of 150, as of joints."""
-MOST_LEFT, REMAINDER_P, REMAINDER_PEAK_P = 0.1, 0.05, 0.01
-"""Something else is at work if a cause leaves more than this share of what is beyond a healthy session's misfit and that is more
-than so many healthy sessions have, or if a number that it leaves is farther off than in so many."""
 MAX_CONFUSABLE = 3
 _LEAST_TOLD = 0.1
 """What explains a smaller share is not spoken of."""
@@ -62,25 +63,47 @@ class CubeStudy:
 def study_cube(
     recordings: Sequence[Recording],
     rng: np.random.Generator,
-    progress: Callable[[str], None] = lambda _: None,
+    progress: Progress = lambda *_: None,
     *,
     calibration: HealthyCubes | None = None,
     replay: PushReplay | None = None,
+    robot: KnownTriFinger | None = None,
 ) -> CubeStudy:
     """Name the cause, or say that there is none, or that it cannot be told.
 
     Args:
         recordings: of one robot and one object; regimes ``rest`` and ``slide_cube`` are what the healthy scatter was measured on.
         rng: for resamples of the pushes.
-        progress: told what is done.
+        progress: told what is done, and which share.
         calibration: scatter of healthy sessions; the package's if None.
-        replay: to be used again from study to study; made if None.
+        replay: of nominal robots, to be used again from study to study; made if None.
+        robot: with what was found of its joints; nothing if None.
     """
     calibration = calibration or load_calibration()
-    windows = all_push_windows(recordings)
-    progress(f"replaying {len(windows)} pushes")
-    replayed = (replay or PushReplay()).replay(windows) if windows else []
-    return study_evidence(CubeEvidence(tracker_statistics(recordings), tuple(replayed)), rng, calibration)
+    base = Base() if robot is None else Base.of(robot.found)
+    windows, tracker = all_push_windows(base.without_offsets(recordings)), tracker_statistics(recordings)
+
+    def evidence_with(known: Base) -> CubeEvidence:
+        own = replay if replay is not None and known is base and base.is_nominal else PushReplay(base=known)
+        return CubeEvidence(tracker, tuple(own.replay(windows)), known.rest_height_m)
+
+    progress(f"replaying {len(windows)} pushes", 0.0)
+    if robot is not None and robot.differs_everywhere and tracker is not None and len(windows) >= LEAST_PUSHES:
+        return _study_of_several(evidence_with, base, len(windows), calibration, progress)
+    evidence = evidence_with(base) if windows else CubeEvidence(tracker, ())
+    return study_evidence(evidence, rng, calibration)
+
+
+def _study_of_several(
+    evidence_with: Callable[[Base], CubeEvidence], base: Base, pushes: int, calibration: HealthyCubes, progress: Progress
+) -> CubeStudy:
+    """The study of a robot whose joints differ in many ways, so that cube and tracker are expected to, too."""
+    of_many = cubes_of_many(calibration.null)
+    is_enough = partial(is_beyond_chance, calibration, Kind.PUSHES)
+    found = one_after_the_other(evidence_with, base, Scatter(calibration.null, of_many.null), is_enough, progress)
+    cannot, record = _limits_of_log(pushes)
+    verdict = verdict_of_several(found, of_many, calibration, {"cannot_tell": cannot, "record_next": record})
+    return CubeStudy(verdict, tuple(judge(found.summary, of_many.null)), pushes, 1.0)
 
 
 def study_evidence(
@@ -102,14 +125,10 @@ def study_evidence(
 
 def _beyond_chance(seen: Supported, calibration: HealthyCubes) -> frozenset[str]:
     """Effects of the kinds that gain more than chance."""
-    kinds = {kind for kind, gain in seen.gains().items() if calibration.gain_p(kind, gain) <= _gate_p(kind)}
-    if calibration.push_gain_p(seen.push_gain()) <= _gate_p(Kind.PUSHES):
+    kinds = {kind for kind, gain in seen.gains().items() if is_beyond_chance(calibration, kind, gain)}
+    if calibration.push_gain_p(seen.push_gain()) <= PUSH_GATE_P:
         kinds.add(Kind.PUSHES)
     return frozenset(effect for kind in kinds for effect in KINDS[kind])
-
-
-def _gate_p(kind: Kind) -> float:
-    return PUSH_GATE_P if kind is Kind.PUSHES else GATE_P
 
 
 def _ranked(by_gain: Sequence[Judged], beyond_chance: Collection[str]) -> tuple[Judged, ...]:
@@ -188,25 +207,15 @@ def _naming(ranking: Sequence[Judged], able: Collection[str], chosen: float, sha
     members = (best, *close[: MAX_CONFUSABLE - 1])
     runner = ranking[1] if len(ranking) > 1 else best
     rival = Rival(runner.effect, runner.estimates[0].where, best.gain - runner.gain, _separated(best, runner))
-    causes = tuple(cause for row in members for cause in _causes(row))
+    causes = tuple(cause for row in members for cause in row.causes())
     if close:
         without = {name: value for name, value in shared.items() if name != "record_next"}
         record = (*shared["record_next"], *(_separated(best, row) for row in members[1:]))
         text = "one of " + ", ".join(row.effect for row in members) + f" (p {shared['null_p']:.2g}); these logs do not say which"
         return Verdict(VerdictKind.CONFUSABLE, text, causes, runner_up=rival, **without, record_next=record)
-    text = f"{best.effect}, {_sentence(best)} (p {shared['null_p']:.2g}); next is {runner.effect}, {rival.behind:.0f} nats behind"
+    said = f"{best.effect}, {sentence(best.causes())} (p {shared['null_p']:.2g})"
+    text = f"{said}; next is {runner.effect}, {rival.behind:.0f} nats behind"
     return Verdict(VerdictKind.NAMED, text, causes, runner_up=rival, **shared)
-
-
-def _causes(judged: Judged) -> tuple[Cause, ...]:
-    return tuple(
-        Cause(e.effect, e.parameter, e.where, e.value, e.unit, (e.value - Z_90 * e.std, e.value + Z_90 * e.std))
-        for e in judged.estimates
-    )
-
-
-def _sentence(judged: Judged) -> str:
-    return ", ".join(f"{e.parameter} {e.value:.4g} ± {Z_90 * e.std:.2g} {e.unit}".strip() for e in judged.estimates)
 
 
 def _separated(best: Judged, other: Judged) -> str:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sim_backend.reality_gap.knowledge.known_of_robot import Robot
+from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, Robot
 from sim_backend.reality_gap.recording import Recording
 from sim_backend.reality_gap.subjects.subject import CUBE_EXCITATION, Material, Progress, Sections
 from sim_backend.reality_gap.verdict import Verdict
@@ -17,5 +17,5 @@ def study(material: Material, known: Robot, rng: np.random.Generator, progress: 
     """As of any :class:`Subject`; nothing has to be known of the robot but that it is the farm's."""
     from sim_backend.reality_gap.subjects.cube.study import study_cube  # with its replay, which most studies do without
 
-    del known
-    return study_cube(seen_in(material), rng, lambda what: progress(what, 0.0)).verdict, {}
+    assert isinstance(known, KnownTriFinger), "only the farm records this excitation"
+    return study_cube(seen_in(material), rng, progress, robot=known).verdict, {}

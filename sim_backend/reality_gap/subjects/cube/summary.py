@@ -14,15 +14,24 @@ from sim_backend.trifinger import constants as c
 
 TRACKER_NAMES = ("delay_s", "log_delay_std", "log_interval", "log_noise_m", "log_noise_rad", "confidence", "rest_height_m")
 NAMES = (*TRACKER_NAMES, *CONTACT_NAMES)
+PLACED_NAMES = ("rest_height_m", *CONTACT_NAMES)
+"""Those that say where the cube is and what forces it, which hang together."""
 _SHORTEST_S, _SMALLEST = 1e-4, 1e-6
 
 
 @dataclass(frozen=True)
 class CubeEvidence:
-    """What a session leaves to judge: statistics of the tracker, None with too few reports, and replayed pushes."""
+    """What a session leaves to judge.
+
+    Attributes:
+        tracker: its statistics, None with too few reports.
+        replayed: pushes.
+        rest_height_m: where what pushes were replayed with has a cube at rest, beyond where a nominal one is.
+    """
 
     tracker: TrackerStatistics | None
     replayed: tuple[Replayed, ...]
+    rest_height_m: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -52,12 +61,13 @@ def evidence_of(sessions: Sequence[Sequence[Recording]], replay: PushReplay) -> 
 
 def summary_of_evidence(evidence: CubeEvidence) -> CubeSummary:
     """The summary of all that a session leaves."""
-    return summary_of(evidence.tracker, contact_summary(evidence.replayed))
+    return summary_of(evidence.tracker, contact_summary(evidence.replayed), evidence.rest_height_m)
 
 
-def summary_of(tracker: TrackerStatistics | None, contact: ContactSummary | None) -> CubeSummary:
-    """The summary of statistics of the tracker and of pushes, each of which may be missing."""
+def summary_of(tracker: TrackerStatistics | None, contact: ContactSummary | None, rest_height_m: float = 0.0) -> CubeSummary:
+    """The summary of statistics of the tracker and of pushes, each of which may be missing; heights beyond ``rest_height_m``."""
     first = np.full(len(TRACKER_NAMES), np.nan) if tracker is None else _tracker_numbers(tracker)
+    first[TRACKER_NAMES.index("rest_height_m")] -= rest_height_m
     second = np.full(len(CONTACT_NAMES), np.nan) if contact is None else contact.score
     return CubeSummary(np.concatenate([first, second]), contact, tracker)
 

@@ -1,11 +1,15 @@
 """Pushes replayed."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from sim_backend.driver.driver import Start, hold_command
 from sim_backend.driver.simulated import SimulatedDriver
+from sim_backend.effects.physics import Physics
 from sim_backend.reality_gap.knowledge.cube import NOMINAL, Trial
+from sim_backend.reality_gap.subjects.cube.base import Base
 from sim_backend.reality_gap.subjects.cube.replay import FORCE_STD_N, PLACE_STD_M, PushReplay
 from sim_backend.reality_gap.subjects.cube.windows import LENGTH_S, PushWindow
 from sim_backend.trifinger import constants as c
@@ -16,9 +20,9 @@ FRAMES = np.arange(0, STEPS, 100)
 BIAS = Trial("tracking_offset_x", 0.004, {}, bias_m=(0.004, 0.0))
 
 
-def _held(pushed_back_nm: float = 0.0) -> PushWindow:
+def _held(pushed_back_nm: float = 0.0, physics: Physics | None = None) -> PushWindow:
     """A finger that is held still far from the cube, with a torque that the log says acted and did not."""
-    driver, start = SimulatedDriver(), c.START_JOINT_POSITION_RAD
+    driver, start = SimulatedDriver(physics=physics), c.START_JOINT_POSITION_RAD
     driver.reset(Start(start[None], np.array([[0.05, 0.0, c.CUBE_REST_HEIGHT_M]]), np.array([[1.0, 0.0, 0.0, 0.0]])))
     driver.advance([(hold_command(start[None]), 1000)])
     segment = driver.advance([(hold_command(start[None]), STEPS)])
@@ -72,3 +76,23 @@ def test_a_tracker_that_is_off_is_off_before_and_after(replay):
     assert len(found) == 7
     place = found[6].residual[1][found[6].channel == 3]
     assert place == pytest.approx(np.zeros(len(FRAMES)), abs=0.01 / PLACE_STD_M * 0.01)
+
+
+def test_a_robot_that_is_known_leaves_nothing_and_what_is_not_known_of_it_shows():
+    heavy = Physics.of(1, {"link_mass.factor": 1.5})
+    known, unknown = (_largest_force(PushReplay((NOMINAL, BIAS), base=base), heavy) for base in (Base.of(heavy), Base()))
+    assert known < 0.1
+    assert unknown > 0.3
+
+
+def _largest_force(replay: PushReplay, physics: Physics) -> float:
+    (push,) = replay.replay([_held(physics=physics)])
+    return float(np.abs(push.residual[0][push.channel < 3]).max())
+
+
+def test_a_tracker_that_is_known_to_be_off_leaves_nothing():
+    window, off_m = _held(), np.array([0.004, 0.0])
+    seen = replace(window, cube_xy_m=window.cube_xy_m + off_m, frame_xy_m=window.frame_xy_m + off_m)
+    base = Base().moved("tracking_offset", [*off_m, 0.0])
+    (push,) = PushReplay((NOMINAL, BIAS), base=base).replay([seen])
+    assert np.abs(push.residual[0]).max() < 0.1

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from sim_backend.reality_gap.knowledge.cube import HYPOTHESES, KINDS
+from sim_backend.reality_gap.subjects.cube.gates import GATE_P
 from sim_backend.reality_gap.subjects.cube.healthy import load_calibration
-from sim_backend.reality_gap.subjects.cube.study import GATE_P, study_evidence
+from sim_backend.reality_gap.subjects.cube.study import study_evidence
 from sim_backend.reality_gap.subjects.cube.summary import CubeEvidence
 from sim_backend.reality_gap.subjects.cube.tracker import TrackerStatistics
 from sim_backend.reality_gap.verdict import VerdictKind

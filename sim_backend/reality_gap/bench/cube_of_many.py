@@ -1,0 +1,110 @@
+"""How pushes scatter where a robot differs everywhere and nothing more is wrong with the cube than is known.
+
+    python -m sim_backend.reality_gap.bench.cube_of_many DIR [DIR …]
+
+Each folder holds robots of ``real`` as ``bench.many_causes`` kept them, with the values that were fitted to their joints. Their
+pushes are simulated and replayed with these values, and with the cube and the tracker's errors of place as they are: what is left
+is what errors of joints, and noise larger than healthy, leave in a session. ``knowledge/cubes_of_many.json`` keeps it, in
+standard deviations of healthy sessions: robots other than those that are tested with.
+"""
+
+import argparse
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from sim_backend.effects.catalogue import PARAMETERS
+from sim_backend.reality_gap.bench.counting import whole_lines
+from sim_backend.reality_gap.bench.cube_sessions import sessions_with_pushes
+from sim_backend.reality_gap.bench.many_causes import LINES, is_of_real, robot
+from sim_backend.reality_gap.knowledge.cube import PUSHED
+from sim_backend.reality_gap.knowledge.healthy import CUBES_OF_MANY_FILE
+from sim_backend.reality_gap.model.files import writable
+from sim_backend.reality_gap.model.model import physics_of
+from sim_backend.reality_gap.subjects.cube.base import Base
+from sim_backend.reality_gap.subjects.cube.healthy import load_calibration, misfit_of_pushes, scattered
+from sim_backend.reality_gap.subjects.cube.hypotheses import Null, whitened, without_worst
+from sim_backend.reality_gap.subjects.cube.replay import PushReplay
+from sim_backend.reality_gap.subjects.cube.summary import NAMES, PLACED_NAMES, CubeEvidence, CubeSummary, summary_of_evidence
+from sim_backend.reality_gap.subjects.cube.tracker import tracker_statistics
+from sim_backend.reality_gap.subjects.cube.windows import all_push_windows
+from sim_backend.reality_gap.verdict import Cause
+from sim_backend.refusal import refused
+from sim_backend.workers.pool import WorkersError, open_workers
+
+_COVERED, _COVERED_STD = 0.9, 1.645
+"""Of Gaussian numbers so many are within so many standard deviations."""
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """The command; see the module's docstring."""
+    parser = argparse.ArgumentParser(prog="python -m sim_backend.reality_gap.bench.cube_of_many", description=__doc__)
+    parser.add_argument("robots", type=Path, nargs="+", metavar="DIR", help="what bench.many_causes kept")
+    parser.add_argument("--out", type=Path, default=CUBES_OF_MANY_FILE)
+    parser.add_argument("--processes", type=int, default=2, metavar="N", help="that work side by side (%(default)s)")
+    parser.add_argument("--cluster", metavar="ADDRESS", help="Ray that has the processes: local, or HOST:PORT")
+    options = parser.parse_args(arguments)
+    lines = {
+        line["seed"]: line["values"] for folder in options.robots for line in whole_lines(folder / LINES) if is_of_real(line)
+    }
+    if not lines:
+        parser.error(f"there is no robot with all effects in {', '.join(map(str, options.robots))}")
+    found: list[np.ndarray] = []
+    try:
+        with open_workers(_Replay, options.processes, options.cluster) as workers:
+            for row in workers.map(sorted(lines.items())):
+                found.append(row)
+                print(f"{len(found)} of {len(lines)} robots", file=sys.stderr, flush=True)
+        options.out.write_text(json.dumps(document(found, sorted(lines), load_calibration().null), indent=1) + "\n")
+    except (OSError, WorkersError) as error:
+        return refused(error, as_json=False)
+    print(f"wrote {options.out}: {len(found)} robots")
+    return 0
+
+
+def document(found: Sequence[np.ndarray], seeds: Sequence[int], healthy: Null) -> dict:
+    """Middle and spread of each number over robots, and how far each robot is off by these: plain values for JSON.
+
+    Args:
+        found: of each robot, in the order of ``NAMES``, in standard deviations of healthy sessions.
+        seeds: of the robots.
+        healthy: the scatter of these.
+    """
+    rows, kept = np.array(found), [NAMES.index(name) for name in PLACED_NAMES]
+    middles = np.median(rows, axis=0)
+    spreads = np.maximum(np.quantile(np.abs(rows - middles), _COVERED, axis=0) / _COVERED_STD, 1.0)
+    middle, spread = ({NAMES[k]: round(float(values[k]), 3) for k in kept} for values in (middles, spreads))
+    here = scattered(healthy, middle, spread)
+    vectors = healthy.mean + rows * np.sqrt(np.diag(healthy.covariance))
+    sessions = [whitened(CubeSummary(vector, None, None), here) for vector in vectors]
+    misfits = sorted(round(misfit_of_pushes(session, session.vector), 4) for session in sessions)
+    return {"robots": list(seeds), "middle": middle, "spread": spread, "misfits": misfits}
+
+
+class _Replay:
+    """What a worker does: the numbers of one robot, as far as they are from healthy ones."""
+
+    def __call__(self, item: tuple[int, Sequence[Mapping]], _: None = None) -> np.ndarray:
+        seed, values = item
+        true, null = robot(seed), load_calibration().null
+        base = Base.of(physics_of(writable([_cause(row) for row in values])))
+        for effect, key in PUSHED.items():
+            base = base.with_values(effect, np.ravel(true.value(key)))
+        (recordings,) = sessions_with_pushes(true, [seed])
+        replayed = PushReplay(base=base).replay(all_push_windows(base.without_offsets(recordings)))
+        evidence = CubeEvidence(tracker_statistics(recordings), tuple(replayed), base.rest_height_m)
+        summary = summary_of_evidence(without_worst(evidence, null))
+        return (summary.vector - null.mean) / np.sqrt(np.diag(null.covariance))
+
+
+def _cause(row: Mapping) -> Cause:
+    effect, _, parameter = row["key"].partition(".")
+    low, high = row["interval_90"]
+    return Cause(effect, parameter, row["where"], row["value"], PARAMETERS[row["key"]].unit, (low, high))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
