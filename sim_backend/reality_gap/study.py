@@ -18,6 +18,7 @@ import numpy as np
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.effects.effect import Scope
 from sim_backend.effects.physics import Physics
+from sim_backend.reality_gap.knowledge.cube import REPLAYED
 from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, Robot, UnknownRobot
 from sim_backend.reality_gap.measured.farm_logs import FarmLogs, find_logs, read_farm_logs
 from sim_backend.reality_gap.measured.foreign.episodes import read_recordings
@@ -37,6 +38,8 @@ from sim_backend.reality_gap.subjects.tosses import subject as tosses
 from sim_backend.reality_gap.success.prediction import Question, Trials, read_question, success_of
 from sim_backend.reality_gap.verdict import Cause, Verdict, VerdictKind, joined
 
+MANY_EFFECTS = 4
+"""Of a TriFinger's mechanics; more than one or two faults have. With as many, cube and tracker may have several, too."""
 SUBJECTS: tuple[Subject, ...] = (joints, cube, tosses)
 
 
@@ -125,7 +128,14 @@ def knowing(known: Robot, verdict: Verdict) -> Robot:
     """What is known of a TriFinger after one of its subjects was studied."""
     if not isinstance(known, KnownTriFinger) or verdict.verdict is not VerdictKind.NAMED:
         return known
-    return replace(known, found=physics_of(writable(verdict.causes), known.found))
+    clear = {cause.effect for cause in verdict.causes if not _may_be_absent(cause)}
+    found = physics_of(writable(verdict.causes), known.found)
+    return replace(known, found=found, differs_everywhere=len(clear & REPLAYED) >= MANY_EFFECTS)
+
+
+def _may_be_absent(cause: Cause) -> bool:
+    low, high = cause.interval_90
+    return low <= PARAMETERS[f"{cause.effect}.{cause.parameter}"].absent <= high
 
 
 def _shares(asked: list[Subject], progress: Progress) -> list[Progress]:

@@ -5,6 +5,9 @@ from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
 from typing import Any
 
+AXES = ("x", "y", "z")
+"""Places of an effect's numbers that are one place together."""
+
 
 class VerdictKind(StrEnum):
     """How a study ended."""

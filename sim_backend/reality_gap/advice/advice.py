@@ -9,7 +9,7 @@ from sim_backend.effects.catalogue import CATALOGUE
 from sim_backend.excitations.excitation import EXCITATIONS
 from sim_backend.reality_gap.knowledge.excitations import AT_ONCE, BY_HAND, FOLLOWED, SHOWN_BY
 from sim_backend.reality_gap.knowledge.separation import SEPARATIONS, Separation
-from sim_backend.reality_gap.verdict import VerdictKind
+from sim_backend.reality_gap.verdict import AXES, VerdictKind
 
 FIRST = ("standard", "slide_cube")
 """A new robot's: the session that detection limits are stated for, and the only one that moves the cube."""
@@ -83,8 +83,9 @@ def advice_after(verdict: Mapping[str, Any], recorded: Sequence[str] = ()) -> Ad
         return _with(first_advice(), "A calibration names no cause: study data without a calibrating method.", said)
     if kind is VerdictKind.NOTHING_WRONG:
         return _after_nothing(recorded, said)
-    causes = list(dict.fromkeys((str(cause["effect"]), str(cause["where"])) for cause in verdict.get("causes") or ()))
+    causes = [(str(cause["effect"]), str(cause["where"])) for cause in verdict.get("causes") or ()]
     effects = list(dict.fromkeys(effect for effect, _ in causes))
+    places = {(effect, "" if where in AXES else where) for effect, where in causes}
     rival = (verdict.get("runner_up") or {}).get("effect")
     if kind is VerdictKind.UNEXPLAINED:
         questions = [_followed(str(text)) for text in verdict.get("follows") or ()]
@@ -93,7 +94,7 @@ def advice_after(verdict: Mapping[str, Any], recorded: Sequence[str] = ()) -> Ad
         return Advice(why, _ordered(questions), REPEATS_UNEXPLAINED, _hand(effects), said)
     if kind is VerdictKind.CONFUSABLE:
         questions = [_between(a, b) for a, b in combinations(effects, 2)]
-        if len(effects) < len(causes):
+        if len(effects) < len(places):
             questions.append(_Question("tells at which joint it is: joints that move one by one", ONE_BY_ONE, 1))
         why = f"These data fit more than one cause: record what tells {_words(*effects)} apart."
         return Advice(why, _ordered(questions), REPEATS, _hand(effects), said)

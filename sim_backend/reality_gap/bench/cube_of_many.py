@@ -24,14 +24,14 @@ from sim_backend.reality_gap.knowledge.cube import PUSHED
 from sim_backend.reality_gap.knowledge.healthy import CUBES_OF_MANY_FILE
 from sim_backend.reality_gap.model.files import writable
 from sim_backend.reality_gap.model.model import physics_of
-from sim_backend.reality_gap.subjects.cube.base import Base
 from sim_backend.reality_gap.subjects.cube.healthy import load_calibration, misfit_of_pushes, scattered
 from sim_backend.reality_gap.subjects.cube.hypotheses import Null, whitened, without_worst
 from sim_backend.reality_gap.subjects.cube.replay import PushReplay
+from sim_backend.reality_gap.subjects.cube.replayed_robot import ReplayedRobot
 from sim_backend.reality_gap.subjects.cube.summary import NAMES, PLACED_NAMES, CubeEvidence, CubeSummary, summary_of_evidence
 from sim_backend.reality_gap.subjects.cube.tracker import tracker_statistics
-from sim_backend.reality_gap.subjects.cube.windows import all_push_windows
-from sim_backend.reality_gap.verdict import Cause
+from sim_backend.reality_gap.subjects.cube.windows import LEAST_PUSHES, all_push_windows
+from sim_backend.reality_gap.verdict import Cause, VerdictKind
 from sim_backend.refusal import refused
 from sim_backend.workers.pool import WorkersError, open_workers
 
@@ -43,25 +43,26 @@ def main(arguments: list[str] | None = None) -> int:
     """The command; see the module's docstring."""
     parser = argparse.ArgumentParser(prog="python -m sim_backend.reality_gap.bench.cube_of_many", description=__doc__)
     parser.add_argument("robots", type=Path, nargs="+", metavar="DIR", help="what bench.many_causes kept")
-    parser.add_argument("--out", type=Path, default=CUBES_OF_MANY_FILE)
+    parser.add_argument("--out", type=Path, default=CUBES_OF_MANY_FILE, help="table to be written; the package's if not given")
     parser.add_argument("--processes", type=int, default=2, metavar="N", help="that work side by side (%(default)s)")
     parser.add_argument("--cluster", metavar="ADDRESS", help="Ray that has the processes: local, or HOST:PORT")
     options = parser.parse_args(arguments)
-    lines = {
-        line["seed"]: line["values"] for folder in options.robots for line in whole_lines(folder / LINES) if is_of_real(line)
-    }
-    if not lines:
-        parser.error(f"there is no robot with all effects in {', '.join(map(str, options.robots))}")
-    found: list[np.ndarray] = []
+    asked = [line for folder in options.robots for line in whole_lines(folder / LINES) if is_of_real(line)]
+    values = {line["seed"]: line["values"] for line in asked if line["verdict"] == VerdictKind.NAMED}
+    if not values:
+        parser.error(f"there is no robot with all effects whose joints are named in {', '.join(map(str, options.robots))}")
+    found: dict[int, np.ndarray] = {}
     try:
         with open_workers(_Replay, options.processes, options.cluster) as workers:
-            for row in workers.map(sorted(lines.items())):
-                found.append(row)
-                print(f"{len(found)} of {len(lines)} robots", file=sys.stderr, flush=True)
-        options.out.write_text(json.dumps(document(found, sorted(lines), load_calibration().null), indent=1) + "\n")
+            for seed, row in zip(sorted(values), workers.map(sorted(values.items())), strict=True):
+                found[seed] = row
+                print(f"{len(found)} of {len(values)} robots", file=sys.stderr, flush=True)
+        seen = {seed: row for seed, row in found.items() if np.isfinite(row).all()}
+        table = document(list(seen.values()), list(seen), load_calibration().null)
+        options.out.write_text(json.dumps(table, indent=1) + "\n")
     except (OSError, WorkersError) as error:
         return refused(error, as_json=False)
-    print(f"wrote {options.out}: {len(found)} robots")
+    print(f"wrote {options.out}: {len(seen)} robots; {len(found) - len(seen)} with too few pushes were left out")
     return 0
 
 
@@ -85,16 +86,19 @@ def document(found: Sequence[np.ndarray], seeds: Sequence[int], healthy: Null) -
 
 
 class _Replay:
-    """What a worker does: the numbers of one robot, as far as they are from healthy ones."""
+    """What a worker does: the numbers of one robot, as far as they are from healthy ones; NaN with too few pushes."""
 
     def __call__(self, item: tuple[int, Sequence[Mapping]], _: None = None) -> np.ndarray:
         seed, values = item
         true, null = robot(seed), load_calibration().null
-        base = Base.of(physics_of(writable([_cause(row) for row in values])))
+        base = ReplayedRobot.of(physics_of(writable([_cause(row) for row in values])))
         for effect, key in PUSHED.items():
             base = base.with_values(effect, np.ravel(true.value(key)))
         (recordings,) = sessions_with_pushes(true, [seed])
-        replayed = PushReplay(base=base).replay(all_push_windows(base.without_offsets(recordings)))
+        windows = all_push_windows(base.as_it_was(recordings))
+        if len(windows) < LEAST_PUSHES:
+            return np.full(len(NAMES), np.nan)
+        replayed = PushReplay(base=base).replay(windows)
         evidence = CubeEvidence(tracker_statistics(recordings), tuple(replayed), base.rest_height_m)
         summary = summary_of_evidence(without_worst(evidence, null))
         return (summary.vector - null.mean) / np.sqrt(np.diag(null.covariance))

@@ -153,8 +153,9 @@ HYPOTHESES = (*(row.effect for row in LINEAR), *(row.effect for row in TABLED), 
 
 REPLAYED = frozenset(
     {
-        "action_delay",
         "torque_constant",
+        "torque_saturation",
+        "supply_sag",
         "cogging",
         "backlash",
         "coulomb_friction",
@@ -162,17 +163,19 @@ REPLAYED = frozenset(
         "stribeck_friction",
         "load_friction",
         "directional_friction",
+        "stuck_joint",
         "link_mass",
         "rotor_inertia",
         "joint_stiffness",
+        "joint_limits",
         "table_tilt",
         "gravity",
     }
 )
-"""What was found of joints and goes into the replay of pushes. Not chance and filters; nor heat, as nobody knows how warm a motor
-is when a push begins."""
-ENCODER_OFFSET = "encoder_offset.offset_rad"
-"""What goes into the positions that are replayed."""
+"""What was found of a robot's mechanics and goes into the replay of pushes. Not chance and filters; nor heat, as nobody knows how
+warm a motor is when a push begins."""
+ENCODER_OFFSET, DELAY = "encoder_offset.offset_rad", "action_delay.delay_s"
+"""What goes into the positions and the torques that are replayed: a replay begins without any torque on its way."""
 
 
 @dataclass(frozen=True)

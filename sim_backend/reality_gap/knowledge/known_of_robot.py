@@ -16,8 +16,6 @@ from sim_backend.reality_gap.recording import Recording
 
 CUTOFF_HZ = 25.0
 """Below it joints are followed; encoder noise grows with the square of the frequency."""
-MANY_EFFECTS = 4
-"""More than blind tests with one or two effects hide."""
 _LOAD_SHARES = (0.3, 0.5, 0.7, 0.85, 0.95)
 
 
@@ -28,6 +26,7 @@ class KnownTriFinger:
     Attributes:
         healthy: sessions recorded under what its own were recorded under.
         found: what a study of its joints has named, so that what comes after it need not take that for something else.
+        differs_everywhere: whether that is so much that cube and tracker are expected to have several causes, too.
         cutoff_hz: below which torques are compared.
         granted: share of a healthy robot's tolerances that this one may have.
         load_shares: of the largest torque that was sent, where a motor's limit is looked for.
@@ -38,6 +37,7 @@ class KnownTriFinger:
 
     healthy: HealthySessions
     found: Physics = field(default_factory=Physics.nominal)
+    differs_everywhere: bool = False
     cutoff_hz: ClassVar[float] = CUTOFF_HZ
     granted: ClassVar[float] = 1.0
     load_shares: ClassVar[tuple[float, ...]] = _LOAD_SHARES
@@ -48,11 +48,6 @@ class KnownTriFinger:
     def seen_in(cls, recordings: Sequence[Recording]) -> "KnownTriFinger":
         """The robot of some recordings."""
         return cls(healthy_sessions(tuple(recording.regime for recording in recordings)))
-
-    @property
-    def differs_everywhere(self) -> bool:
-        """Whether so many effects were named at its joints that cube and tracker are expected to have several, too."""
-        return len({key.partition(".")[0] for key in self.found.given}) >= MANY_EFFECTS
 
     @staticmethod
     def prior_share(counted_s: float, long_s: float) -> float:

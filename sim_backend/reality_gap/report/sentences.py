@@ -16,6 +16,7 @@ from sim_backend.reality_gap.report.numbers import (
     real,
     with_unit,
 )
+from sim_backend.reality_gap.verdict import AXES
 
 Document = Mapping[str, Any]
 
@@ -154,15 +155,17 @@ def sentence(text: Any) -> str:
 
 
 def _places(causes: Sequence[Mapping[str, Any]]) -> dict[tuple[str, str], list[Mapping[str, Any]]]:
+    """Causes by effect and place; axes are one place."""
     places: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
     for cause in causes:
-        places.setdefault((cause["effect"], cause["where"]), []).append(cause)
+        places.setdefault((cause["effect"], "" if cause["where"] in AXES else cause["where"]), []).append(cause)
     return places
 
 
 def _number_of(cause: Mapping[str, Any], several: bool) -> str:
     value = quantity_with_interval(cause.get("value"), words(cause.get("unit", "")), cause.get("interval_90"))
-    return f"{parameter_name(cause.get('parameter', ''))} {value}" if several else value
+    axis = f" {cause['where']}" if cause["where"] in AXES else ""
+    return f"{parameter_name(cause.get('parameter', ''))}{axis} {value}" if several or axis else value
 
 
 def _held_out(held_out: Mapping[str, Any] | None) -> list[str]:

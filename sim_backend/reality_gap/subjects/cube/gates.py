@@ -9,6 +9,8 @@ PUSH_GATE_P = 0.0075
 """As much for each of two gains of hypotheses about pushes: by all of them, and by all but the push that adds most."""
 MISFIT_P = 0.0075
 """As much for the misfit of the whole vector, whatever causes it."""
+MISFIT_OF_MANY_P = 0.03
+"""As much for the misfit of pushes where a robot differs everywhere: more than any of the robots has that are known."""
 PEAK_P = 0.005
 """As much for the number that is farthest off for itself."""
 COUNT_P = 0.001

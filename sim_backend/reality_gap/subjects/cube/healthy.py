@@ -11,6 +11,7 @@ from scipy import stats
 
 from sim_backend.reality_gap.knowledge.cube import KINDS, Kind
 from sim_backend.reality_gap.knowledge.healthy import CUBES_FILE, CUBES_OF_MANY_FILE
+from sim_backend.reality_gap.subjects.cube.contact import CONTACT_NAMES
 from sim_backend.reality_gap.subjects.cube.hypotheses import Null, WhitenedSession
 from sim_backend.reality_gap.subjects.cube.summary import NAMES, PLACED_NAMES
 
@@ -106,8 +107,14 @@ class CubesOfMany:
 
 
 def cubes_of_many(healthy: Null, path: Path = CUBES_OF_MANY_FILE) -> CubesOfMany:
-    """The table that ``bench/cube_of_many.py`` wrote, which is in standard deviations of healthy sessions."""
+    """The table that ``bench/cube_of_many.py`` wrote, which is in standard deviations of healthy sessions.
+
+    Raises:
+        ValueError: it was made for other numbers than this version looks at.
+    """
     kept = json.loads(path.read_text(encoding="utf-8"))
+    if set(kept["middle"]) != set(PLACED_NAMES):
+        raise ValueError(f"{path} was made for other numbers; run python -m sim_backend.reality_gap.bench.cube_of_many again")
     return CubesOfMany(scattered(healthy, kept["middle"], kept["spread"]), np.array(kept["misfits"]))
 
 
@@ -119,14 +126,14 @@ def scattered(healthy: Null, middle: Mapping[str, float], spread: Mapping[str, f
 
 
 def misfit_of_pushes(seen: WhitenedSession, left: np.ndarray) -> float:
-    """Mean square of the numbers that pushes show.
+    """Mean square of the numbers that pushes show; 0 without pushes.
 
     Args:
         seen: a session.
         left: its vector, or what hypotheses leave of it, shape (kept,).
     """
-    of_pushes = left[np.isin(np.array(NAMES)[seen.kept], PLACED_NAMES)]
-    return float(of_pushes @ of_pushes) / len(of_pushes)
+    of_pushes = left[np.isin(np.array(NAMES)[seen.kept], CONTACT_NAMES)]
+    return float(of_pushes @ of_pushes) / max(len(of_pushes), 1)
 
 
 def _share(healthy: np.ndarray, value: float) -> float:

@@ -18,7 +18,7 @@ from sim_backend.reality_gap.subjects.cube.offset import best_offset
 from sim_backend.reality_gap.subjects.cube.summary import NAMES, CubeEvidence, CubeSummary, summary_of_evidence
 from sim_backend.reality_gap.subjects.cube.tracker import TrackerStatistics
 from sim_backend.reality_gap.subjects.cube.windows import LEAST_PUSHES
-from sim_backend.reality_gap.verdict import Cause
+from sim_backend.reality_gap.verdict import AXES, Cause
 from sim_backend.trifinger import constants as c
 
 FINE = 400
@@ -115,7 +115,7 @@ def sentence(causes: Iterable[Cause]) -> str:
 
 
 def _name(cause: Cause) -> str:
-    return f"{cause.parameter} {cause.where}" if cause.where in ("x", "y", "z") else cause.parameter
+    return f"{cause.parameter} {cause.where}" if cause.where in AXES else cause.parameter
 
 
 def _half(cause: Cause) -> float:

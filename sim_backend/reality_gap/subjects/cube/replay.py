@@ -2,7 +2,7 @@
 
 The measured torques act, and the position controller adds what keeps the joints on the measured way; that addition, as a force
 at the tip, is what the model lacks. Beside it stands where the cube goes. All pushes are replayed under a fixed table of
-hypotheses at once, so that the models are compiled once a process.
+hypotheses at once, so that the models are compiled once for each robot that is replayed.
 """
 
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ from sim_backend.driver.driver import Command, Start
 from sim_backend.driver.simulated import SimulatedDriver
 from sim_backend.effects.physics import Physics
 from sim_backend.reality_gap.knowledge.cube import TRIALS, Trial
-from sim_backend.reality_gap.subjects.cube.base import NOMINAL_BASE, Base
+from sim_backend.reality_gap.subjects.cube.replayed_robot import NOMINAL_ROBOT, ReplayedRobot
 from sim_backend.reality_gap.subjects.cube.windows import LENGTH_S, PushWindow
 from sim_backend.trifinger import constants as c
 
@@ -45,7 +45,7 @@ class Replayed:
 class PushReplay:
     """Replays pushes under all ``trials``. Owner of the simulated robots that do it."""
 
-    def __init__(self, trials: Sequence[Trial] = TRIALS, threads: int = 1, base: Base = NOMINAL_BASE) -> None:
+    def __init__(self, trials: Sequence[Trial] = TRIALS, threads: int = 1, base: ReplayedRobot = NOMINAL_ROBOT) -> None:
         self.trials, self._base = tuple(trials), base
         rows = [base.tried(trial) for trial in self.trials for _ in range(_ROWS_AT_ONCE)]
         self._driver = SimulatedDriver(robots=len(rows), threads=threads, physics=Physics.stack(rows))

@@ -11,17 +11,17 @@ number is; the scatter of healthy ones, which is smaller, leads to where the num
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import groupby, pairwise
 
 import numpy as np
 
 from sim_backend.reality_gap.knowledge.cube import NUMBERS_OF_PUSHES
 from sim_backend.reality_gap.quantiles import Z_90
-from sim_backend.reality_gap.subjects.cube.base import Base, absent_values
-from sim_backend.reality_gap.subjects.cube.gates import MARGIN
 from sim_backend.reality_gap.subjects.cube.hypotheses import Estimate, Null, WhitenedSession, whitened, without_worst
-from sim_backend.reality_gap.subjects.cube.numbers import Fitted, PushNumber, fitted, numbers_of
+from sim_backend.reality_gap.subjects.cube.push_numbers import Fitted, PushNumber, fitted, numbers_of
+from sim_backend.reality_gap.subjects.cube.replayed_robot import ReplayedRobot, absent_values
 from sim_backend.reality_gap.subjects.cube.summary import CubeEvidence, CubeSummary, summary_of_evidence
-from sim_backend.reality_gap.subjects.subject import Progress
+from sim_backend.reality_gap.subjects.subject import Progress, part
 
 MOST_ROUNDS = 12
 _SETTLING = 4
@@ -31,6 +31,8 @@ _LESS = 0.5
 """Share of a move that is made meanwhile: whole ones go to and fro."""
 _RIVALS, _CLOSE = 2, 0.7
 """So many effects are tried as the first one, if they gain this share of what the best one gains."""
+_PRICE = 5.0
+"""Nats that an effect costs where such ways are compared: odds of 150."""
 
 
 @dataclass(frozen=True)
@@ -51,8 +53,8 @@ class Several:
     """What pushes show of a cube.
 
     Attributes:
-        estimates: of the accepted effects, in the order in which they were accepted; standard errors are beside all others.
-        session: what replays with them leave, whitened.
+        estimates: of effects that are clear, in the order in which they were accepted; standard errors are beside all others.
+        session: what a replay with these values leaves, whitened.
         summary: the same as it is.
         first: what replays with none of them leave, whitened.
     """
@@ -62,10 +64,17 @@ class Several:
     summary: CubeSummary
     first: WhitenedSession
 
+    @classmethod
+    def without_pushes(cls, evidence: CubeEvidence, null: Null) -> "Several":
+        """Nothing, of a session in which too few pushes were seen."""
+        summary = summary_of_evidence(evidence)
+        session = whitened(summary, null)
+        return cls((), session, summary, session)
+
 
 def one_after_the_other(
-    evidence_with: Callable[[Base], CubeEvidence],
-    base: Base,
+    evidence_with: Callable[[ReplayedRobot], CubeEvidence],
+    base: ReplayedRobot,
     scatter: Scatter,
     is_enough: Callable[[float], bool],
     progress: Progress = lambda *_: None,
@@ -79,11 +88,19 @@ def one_after_the_other(
         is_enough: whether a gain in nats is more than chance.
         progress: told what is done, and which share at least.
     """
-    search = _Search(evidence_with, scatter, is_enough, progress)
+    search = _Search(evidence_with, scatter, is_enough)
     first = search.replayed(base, ())
-    ends = [search.settled(first, effect) for effect in first.firsts(is_enough)] or [[first]]
-    best = min(ends, key=lambda rounds: np.mean([each.price for each in rounds]))
-    return Several(_estimates(best), best[-1].here.session, best[-1].summary, first.here.session)
+    firsts = first.firsts(is_enough)
+    if not firsts:
+        return Several((), first.here.session, first.summary, first.here.session)
+    shares = np.linspace(0.0, 1.0, len(firsts) + 1)
+    parts = [part(progress, *between) for between in pairwise(shares.tolist())]
+    ends = [search.settled(first, effect, own) for effect, own in zip(firsts, parts, strict=True)]
+    estimates = _estimates(min(ends, key=lambda rounds: np.mean([each.price for each in rounds])))
+    for effect, own in groupby(estimates, key=lambda row: row.effect):
+        base = base.with_values(effect, np.array([row.value for row in own]))
+    last = search.replayed(base, tuple(dict.fromkeys(row.effect for row in estimates)))
+    return Several(estimates, last.here.session, last.summary, first.here.session)
 
 
 def _estimates(rounds: Sequence["_Round"]) -> tuple[Estimate, ...]:
@@ -106,22 +123,21 @@ def _estimates(rounds: Sequence["_Round"]) -> tuple[Estimate, ...]:
 class _Search:
     """How replays are made, and when one is the last."""
 
-    evidence_with: Callable[[Base], CubeEvidence]
+    evidence_with: Callable[[ReplayedRobot], CubeEvidence]
     scatter: Scatter
     is_enough: Callable[[float], bool]
-    progress: Progress
 
-    def replayed(self, base: Base, accepted: tuple[str, ...]) -> "_Round":
+    def replayed(self, base: ReplayedRobot, accepted: tuple[str, ...]) -> "_Round":
         evidence = without_worst(self.evidence_with(base), self.scatter.healthy)
         summary = summary_of_evidence(evidence)
         seen = (_Seen.of(summary, null, base) for null in (self.scatter.healthy, self.scatter.here))
         return _Round(base, accepted, summary, *seen)
 
-    def settled(self, first: "_Round", effect: str) -> list["_Round"]:
+    def settled(self, first: "_Round", effect: str, progress: Progress) -> list["_Round"]:
         """Replays about where the numbers are, with all effects that are needed if this one is the first."""
         accepted, now, found = (effect,), first, list[_Round]()
         for done in range(MOST_ROUNDS):
-            self.progress(f"replaying pushes with {', '.join(accepted)}", done / MOST_ROUNDS)
+            progress(f"replaying pushes with {', '.join(accepted)}", done / MOST_ROUNDS)
             now = self.replayed(now.moved(accepted, 1.0 if accepted != now.accepted else _LESS), accepted)
             if added := now.best_beside(self.is_enough):
                 accepted, found = (*accepted, added), []
@@ -140,7 +156,7 @@ class _Seen:
     numbers: Mapping[str, tuple[PushNumber, ...]]
 
     @classmethod
-    def of(cls, summary: CubeSummary, null: Null, base: Base) -> "_Seen":
+    def of(cls, summary: CubeSummary, null: Null, base: ReplayedRobot) -> "_Seen":
         session = whitened(summary, null)
         return cls(session, numbers_of(summary, session, base))
 
@@ -158,7 +174,7 @@ class _Seen:
 class _Round:
     """One replay: the base, the effects that it has, and what is left, as seen by both scatters."""
 
-    base: Base
+    base: ReplayedRobot
     accepted: tuple[str, ...]
     summary: CubeSummary
     healthy: _Seen
@@ -166,8 +182,11 @@ class _Round:
 
     @property
     def price(self) -> float:
-        """What the replay leaves, nats, and what each accepted effect costs."""
-        return 0.5 * float(self.here.session.vector @ self.here.session.vector) + MARGIN * len(self.accepted)
+        """What the replay leaves, nats, and what accepted effects cost: each of them, its size, and each further number."""
+        numbers = [number for effect in self.accepted for number in self.here.numbers[effect]]
+        sizes, further = np.array([number.sizes[number.rest] for number in numbers]), len(numbers) - len(self.accepted)
+        left = self.here.session.vector
+        return 0.5 * float(left @ left + sizes @ sizes) + _PRICE * len(self.accepted) + further
 
     def able(self, is_enough: Callable[[float], bool]) -> dict[str, float]:
         """Effects that gain more than chance beside those accepted, the largest gain by the scatter of healthy sessions first."""
@@ -185,7 +204,7 @@ class _Round:
         """The effect to be added, "" if none gains more than chance."""
         return next(iter(self.able(is_enough)), "")
 
-    def moved(self, effects: Sequence[str], share: float) -> Base:
+    def moved(self, effects: Sequence[str], share: float) -> ReplayedRobot:
         """The base with the numbers of effects nearer to where they fit best together."""
         return self._moved(self.healthy, effects, share)
 
@@ -203,7 +222,7 @@ class _Round:
     def _all(self) -> tuple[str, ...]:
         return (*self.accepted, *(effect for effect in self.here.numbers if effect not in self.accepted))
 
-    def _moved(self, seen: _Seen, effects: Sequence[str], share: float) -> Base:
+    def _moved(self, seen: _Seen, effects: Sequence[str], share: float) -> ReplayedRobot:
         base, fit = self.base, seen.fit(effects)
         moves = iter(share * (fit.values - fit.rests))
         for effect in effects:

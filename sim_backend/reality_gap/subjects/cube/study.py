@@ -1,7 +1,7 @@
 """Which cause of the tracker or the cube is at work in logs of one robot: pushes of a cube and a cube at rest."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -11,7 +11,6 @@ from sim_backend.reality_gap.knowledge.cube import COUNTED, KINDS, Kind
 from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger
 from sim_backend.reality_gap.knowledge.separation import separated_by
 from sim_backend.reality_gap.recording import Recording
-from sim_backend.reality_gap.subjects.cube.base import Base
 from sim_backend.reality_gap.subjects.cube.contact import contact_summary
 from sim_backend.reality_gap.subjects.cube.counts import count_p
 from sim_backend.reality_gap.subjects.cube.gates import (
@@ -28,7 +27,8 @@ from sim_backend.reality_gap.subjects.cube.gates import (
 from sim_backend.reality_gap.subjects.cube.healthy import HealthyCubes, cubes_of_many, load_calibration
 from sim_backend.reality_gap.subjects.cube.hypotheses import Judged, Null, judge, seen_count, sentence, without_worst
 from sim_backend.reality_gap.subjects.cube.replay import PushReplay, Replayed
-from sim_backend.reality_gap.subjects.cube.several import Scatter, one_after_the_other
+from sim_backend.reality_gap.subjects.cube.replayed_robot import ReplayedRobot
+from sim_backend.reality_gap.subjects.cube.several import Scatter, Several, one_after_the_other
 from sim_backend.reality_gap.subjects.cube.summary import NAMES, CubeEvidence, CubeSummary, summary_of, summary_of_evidence
 from sim_backend.reality_gap.subjects.cube.support import Supported, supported
 from sim_backend.reality_gap.subjects.cube.tracker import TrackerStatistics, tracker_statistics
@@ -49,9 +49,10 @@ class CubeStudy:
 
     Attributes:
         verdict: as of any study; its ``causes`` are those named, or the members of a confusable set.
-        ranking: every hypothesis with its gain, nats, and its estimates, the best first.
+        ranking: every hypothesis with its gain, nats, and its estimates, the best first; where several causes were looked for,
+            what each would gain beside them, its numbers about theirs.
         pushes: windows that were replayed.
-        chosen: share of resamples of the pushes in which the best hypothesis was the best, too.
+        chosen: share of resamples of the pushes in which the best hypothesis was the best, too; 1 where several were looked for.
     """
 
     verdict: Verdict
@@ -80,27 +81,34 @@ def study_cube(
         robot: with what was found of its joints; nothing if None.
     """
     calibration = calibration or load_calibration()
-    base = Base() if robot is None else Base.of(robot.found)
-    windows, tracker = all_push_windows(base.without_offsets(recordings)), tracker_statistics(recordings)
+    base = ReplayedRobot() if robot is None else ReplayedRobot.of(robot.found)
+    windows, tracker = all_push_windows(base.as_it_was(recordings)), tracker_statistics(recordings)
 
-    def evidence_with(known: Base) -> CubeEvidence:
-        own = replay if replay is not None and known is base and base.is_nominal else PushReplay(base=known)
+    def evidence_with(known: ReplayedRobot) -> CubeEvidence:
+        own = replay if replay is not None and known.is_nominal else PushReplay(base=known)
         return CubeEvidence(tracker, tuple(own.replay(windows)), known.rest_height_m)
 
     progress(f"replaying {len(windows)} pushes", 0.0)
-    if robot is not None and robot.differs_everywhere and tracker is not None and len(windows) >= LEAST_PUSHES:
+    if robot is not None and robot.differs_everywhere and tracker is not None:
         return _study_of_several(evidence_with, base, len(windows), calibration, progress)
     evidence = evidence_with(base) if windows else CubeEvidence(tracker, ())
     return study_evidence(evidence, rng, calibration)
 
 
 def _study_of_several(
-    evidence_with: Callable[[Base], CubeEvidence], base: Base, pushes: int, calibration: HealthyCubes, progress: Progress
+    evidence_with: Callable[[ReplayedRobot], CubeEvidence],
+    base: ReplayedRobot,
+    pushes: int,
+    calibration: HealthyCubes,
+    progress: Progress,
 ) -> CubeStudy:
     """The study of a robot whose joints differ in many ways, so that cube and tracker are expected to, too."""
     of_many = cubes_of_many(calibration.null)
-    is_enough = partial(is_beyond_chance, calibration, Kind.PUSHES)
-    found = one_after_the_other(evidence_with, base, Scatter(calibration.null, of_many.null), is_enough, progress)
+    if pushes >= LEAST_PUSHES:
+        is_enough = partial(is_beyond_chance, calibration, Kind.PUSHES)
+        found = one_after_the_other(evidence_with, base, Scatter(calibration.null, of_many.null), is_enough, progress)
+    else:
+        found = Several.without_pushes(replace(evidence_with(base), replayed=()), of_many.null)
     cannot, record = _limits_of_log(pushes)
     verdict = verdict_of_several(found, of_many, calibration, {"cannot_tell": cannot, "record_next": record})
     return CubeStudy(verdict, tuple(judge(found.summary, of_many.null)), pushes, 1.0)

@@ -14,7 +14,7 @@ def seen_in(material: Material) -> tuple[Recording, ...]:
 
 
 def study(material: Material, known: Robot, rng: np.random.Generator, progress: Progress) -> tuple[Verdict, Sections]:
-    """As of any :class:`Subject`; nothing has to be known of the robot but that it is the farm's."""
+    """As of any :class:`Subject`; what was found of the robot's joints goes into the replay of pushes."""
     from sim_backend.reality_gap.subjects.cube.study import study_cube  # with its replay, which most studies do without
 
     assert isinstance(known, KnownTriFinger), "only the farm records this excitation"

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from sim_backend.reality_gap.knowledge.cube import KINDS, Kind
-from sim_backend.reality_gap.subjects.cube.gates import MOST_LEFT, REMAINDER_P, is_beyond_chance
+from sim_backend.reality_gap.subjects.cube.gates import MISFIT_OF_MANY_P, MOST_LEFT, is_beyond_chance
 from sim_backend.reality_gap.subjects.cube.healthy import CubesOfMany, HealthyCubes, misfit_of_pushes
 from sim_backend.reality_gap.subjects.cube.hypotheses import Judged, Null, farthest_names, judge, sentence
 from sim_backend.reality_gap.subjects.cube.several import Several
@@ -24,16 +24,19 @@ def verdict_of_several(found: Several, of_many: CubesOfMany, calibration: Health
         shared: what the verdict says whatever it is.
     """
     reported = _of_reports(found, of_many.null, calibration)
-    causes = (*(row.cause() for row in found.estimates), *(cause for row in reported for cause in row.causes()))
+    by_reports, by_pushes = [cause for row in reported for cause in row.causes()], [row.cause() for row in found.estimates]
+    usual = float(np.median(of_many.misfits))
     before, after = (misfit_of_pushes(each, each.vector) for each in (found.first, found.session))
-    share = after / max(before, 1e-9)
-    if of_many.misfit_p(after) <= REMAINDER_P and share > MOST_LEFT:
+    left = (after - usual) / max(before - usual, 1e-9)
+    if of_many.misfit_p(after) <= MISFIT_OF_MANY_P and left > MOST_LEFT:
         explained = sum((found.session.vector - row.left for row in reported), np.zeros(len(found.session.vector)))
         far = farthest_names(found.session, found.session.vector - explained)
         follows = tuple(f"{name} ({off:.1f} standard deviations)" for name, off in far)
-        what = f"{_told(causes)} explain only {1.0 - share:.0%} of it" if causes else "no cause of the catalogue explains it"
-        text = f"The cube does not go where it should: {what}."
-        return Verdict(VerdictKind.UNEXPLAINED, text, follows=follows, **shared)
+        what = f"{_told(by_pushes)} leave {left:.0%} of it" if by_pushes else "no cause of the catalogue explains it"
+        beside = f" Its reports show {_told(by_reports)}." if by_reports else ""
+        text = f"Pushes do not move the cube as they should, and {what}.{beside}"
+        return Verdict(VerdictKind.UNEXPLAINED, text, tuple(by_reports), follows=follows, **shared)
+    causes = (*by_pushes, *by_reports)
     if not causes:
         return Verdict(VerdictKind.NOTHING_WRONG, "Cube and tracker are as those of a healthy robot.", **shared)
     return Verdict(VerdictKind.NAMED, f"Cube and tracker: {_told(causes)}.", causes, **shared)

@@ -89,6 +89,8 @@ def test_what_settles_most_comes_first():
 
 
 def test_one_effect_at_several_joints_is_told_by_joints_that_move_one_by_one():
+    axes = [cause("tracking_offset", axis) for axis in "xyz"]
+    assert "chirps" not in names(advice_after(verdict("confusable", *axes, cause("cube_size", "cube")))), "axes are no joints"
     advice = advice_after(verdict("confusable", cause("backlash", JOINT), cause("backlash", c.JOINT_NAMES[5])))
     assert names(advice) == ["chirps"]
 

@@ -7,6 +7,7 @@ from sim_backend.effects.effect import Group
 from sim_backend.effects.estimate import place_index
 from sim_backend.reality_gap.knowledge.cube import (
     COUNTED,
+    DELAY,
     DIRECTIONS,
     ENCODER_OFFSET,
     HYPOTHESES,
@@ -49,8 +50,8 @@ def test_every_number_has_a_place_that_an_extended_model_knows():
 
 
 def test_what_goes_into_replays_are_effects_of_joints():
-    assert {CATALOGUE[effect].group for effect in REPLAYED} <= {Group.ACTUATION, Group.BODY}
-    assert ENCODER_OFFSET in PARAMETERS
+    assert {CATALOGUE[effect].group for effect in REPLAYED} <= {Group.ACTUATION, Group.BODY, Group.FAULT}
+    assert {ENCODER_OFFSET, DELAY} <= set(PARAMETERS)
 
 
 def test_what_is_tried_is_a_parameter_and_stands_beside_the_nominal_trial():

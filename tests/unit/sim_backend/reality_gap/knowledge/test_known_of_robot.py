@@ -1,11 +1,8 @@
 """What is known of a robot."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from sim_backend.effects.physics import Physics
 from sim_backend.reality_gap.knowledge.healthy import NO_SESSIONS, STANDARD, healthy_sessions
 from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, UnknownRobot
 from sim_backend.reality_gap.recording import Recording
@@ -35,12 +32,3 @@ def test_less_is_granted_to_what_nobody_knows():
     assert UnknownRobot.granted < KnownTriFinger.granted
     assert UnknownRobot.cutoff_hz < KnownTriFinger.cutoff_hz
     assert set(KnownTriFinger.load_shares) < set(UnknownRobot.load_shares)
-
-
-def test_a_trifinger_differs_everywhere_if_more_effects_were_named_than_a_fault_or_two_have():
-    few = {"coulomb_friction.torque_nm": 0.04, "stribeck_friction.extra_nm": 0.01, "stribeck_friction.speed_rad_s": 0.1}
-    many = few | {"action_delay.delay_s": 0.002, "load_friction.coefficient": 0.05}
-    known = KnownTriFinger(healthy_sessions())
-    assert not known.differs_everywhere
-    assert not replace(known, found=Physics.of(1, few)).differs_everywhere
-    assert replace(known, found=Physics.of(1, many)).differs_everywhere

@@ -129,6 +129,18 @@ def test_parameters_of_one_effect_at_one_place_are_one_sentence():
     assert lines == ["Cause: stribeck friction, j: extra torque 0.020 ± 0.010 N m (90 %); speed 50 ± 10 mrad/s (90 %)."]
 
 
+def test_axes_of_one_effect_are_one_thing_and_one_sentence():
+    document = documents.small_document()
+    document["verdict"]["causes"] = [
+        documents.cause("tracking_offset", "position_m", axis, 0.001 * k, "m", [0.001 * k - 0.0005, 0.001 * k + 0.0005])
+        for k, axis in enumerate("xyz", 1)
+    ]
+    assert "things" not in summary_lines(document)[0]
+    lines = [line for line in summary_lines(document) if line.startswith("Cause")]
+    assert len(lines) == 1
+    assert "position x 1.0" in lines[0] and "position z 3.0" in lines[0]
+
+
 def test_errors_where_a_cause_acts_stand_before_those_of_the_rest_in_readable_units():
     document = documents.small_document()
     there = documents.held_out(0.0112, 0.00153, 5e-5, (0.82, 0.9)) | {"metric": "off where the rotor of j hits", "unit": "rad"}

@@ -9,8 +9,8 @@ from sim_backend.driver.driver import Start, hold_command
 from sim_backend.driver.simulated import SimulatedDriver
 from sim_backend.effects.physics import Physics
 from sim_backend.reality_gap.knowledge.cube import NOMINAL, Trial
-from sim_backend.reality_gap.subjects.cube.base import Base
 from sim_backend.reality_gap.subjects.cube.replay import FORCE_STD_N, PLACE_STD_M, PushReplay
+from sim_backend.reality_gap.subjects.cube.replayed_robot import ReplayedRobot
 from sim_backend.reality_gap.subjects.cube.windows import LENGTH_S, PushWindow
 from sim_backend.trifinger import constants as c
 from sim_backend.trifinger.kinematics import fingertip_position_world_m
@@ -80,7 +80,9 @@ def test_a_tracker_that_is_off_is_off_before_and_after(replay):
 
 def test_a_robot_that_is_known_leaves_nothing_and_what_is_not_known_of_it_shows():
     heavy = Physics.of(1, {"link_mass.factor": 1.5})
-    known, unknown = (_largest_force(PushReplay((NOMINAL, BIAS), base=base), heavy) for base in (Base.of(heavy), Base()))
+    known, unknown = (
+        _largest_force(PushReplay((NOMINAL, BIAS), base=base), heavy) for base in (ReplayedRobot.of(heavy), ReplayedRobot())
+    )
     assert known < 0.1
     assert unknown > 0.3
 
@@ -93,6 +95,6 @@ def _largest_force(replay: PushReplay, physics: Physics) -> float:
 def test_a_tracker_that_is_known_to_be_off_leaves_nothing():
     window, off_m = _held(), np.array([0.004, 0.0])
     seen = replace(window, cube_xy_m=window.cube_xy_m + off_m, frame_xy_m=window.frame_xy_m + off_m)
-    base = Base().moved("tracking_offset", [*off_m, 0.0])
+    base = ReplayedRobot().moved("tracking_offset", [*off_m, 0.0])
     (push,) = PushReplay((NOMINAL, BIAS), base=base).replay([seen])
     assert np.abs(push.residual[0]).max() < 0.1

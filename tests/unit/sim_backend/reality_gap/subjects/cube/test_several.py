@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from sim_backend.reality_gap.knowledge.cube import TRIALS
-from sim_backend.reality_gap.subjects.cube.base import NOMINAL_BASE, Base
 from sim_backend.reality_gap.subjects.cube.healthy import cubes_of_many, load_calibration
 from sim_backend.reality_gap.subjects.cube.replay import Replayed
+from sim_backend.reality_gap.subjects.cube.replayed_robot import NOMINAL_ROBOT, ReplayedRobot
 from sim_backend.reality_gap.subjects.cube.several import Scatter, Several, one_after_the_other
 from sim_backend.reality_gap.subjects.cube.summary import CubeEvidence
 from sim_backend.reality_gap.subjects.cube.tracker import TrackerStatistics
@@ -28,11 +28,11 @@ WAYS = {effect: 3.0 * _RNG.normal(size=SIZE) for effect in FACTORS} | {
 }
 
 
-def pushes_of(true: dict[str, float], tracker: TrackerStatistics = TRACKER) -> Callable[[Base], CubeEvidence]:
+def pushes_of(true: dict[str, float], tracker: TrackerStatistics = TRACKER) -> Callable[[ReplayedRobot], CubeEvidence]:
     """Replays of a robot whose cube differs by some factors, with any base."""
     channel, time_s = np.arange(SIZE) % 6, np.linspace(0.0, 0.66, SIZE)
 
-    def evidence_with(base: Base) -> CubeEvidence:
+    def evidence_with(base: ReplayedRobot) -> CubeEvidence:
         seen = sum((np.log(true.get(e, 1.0) / base.values(e)[0]) * WAYS[e] for e in FACTORS), np.zeros(SIZE))
         seen -= base.bias_m[0] * WAYS["tracking_offset_x"] + base.bias_m[1] * WAYS["tracking_offset_y"]
         seen -= base.scale * WAYS["tracking_scale"]
@@ -43,9 +43,9 @@ def pushes_of(true: dict[str, float], tracker: TrackerStatistics = TRACKER) -> C
     return evidence_with
 
 
-def found_in(evidence_with: Callable[[Base], CubeEvidence]) -> Several:
+def found_in(evidence_with: Callable[[ReplayedRobot], CubeEvidence]) -> Several:
     scatter = Scatter(CALIBRATION.null, OF_MANY.null)
-    return one_after_the_other(evidence_with, NOMINAL_BASE, scatter, lambda gain: gain > 10.0)
+    return one_after_the_other(evidence_with, NOMINAL_ROBOT, scatter, lambda gain: gain > 10.0)
 
 
 def test_two_causes_that_act_at_once_are_both_found_with_their_numbers():
@@ -63,6 +63,13 @@ def test_of_a_cube_as_it_should_be_nothing_is_found():
     assert verdict.verdict is VerdictKind.NOTHING_WRONG
 
 
+def test_with_too_few_pushes_reports_alone_are_judged():
+    evidence = CubeEvidence(LATE, (), 0.004)
+    verdict = verdict_of_several(Several.without_pushes(evidence, OF_MANY.null), OF_MANY, CALIBRATION, {})
+    assert verdict.verdict is VerdictKind.NAMED
+    assert {cause.effect for cause in verdict.causes} == {"tracking_latency"}
+
+
 def test_what_reports_show_stands_beside_what_pushes_show():
     found = found_in(pushes_of({"table_friction": 0.5}, LATE))
     verdict = verdict_of_several(found, OF_MANY, CALIBRATION, {})
@@ -72,7 +79,7 @@ def test_what_reports_show_stands_beside_what_pushes_show():
 
 
 def test_what_no_cause_explains_is_told_with_what_it_follows():
-    def evidence_with(base: Base) -> CubeEvidence:
+    def evidence_with(base: ReplayedRobot) -> CubeEvidence:
         evidence = pushes_of({"table_friction": 0.8}, LATE)(base)
         (push, *_) = evidence.replayed
         lifted = replace(push, residual=push.residual + 8.0 * (push.channel == 2))
@@ -80,5 +87,7 @@ def test_what_no_cause_explains_is_told_with_what_it_follows():
 
     verdict = verdict_of_several(found_in(evidence_with), OF_MANY, CALIBRATION, {})
     assert verdict.verdict is VerdictKind.UNEXPLAINED
-    assert verdict.causes == () and "tracking latency" in verdict.summary
+    assert {cause.effect for cause in verdict.causes} == {"tracking_latency"}, "reports show it whatever pushes show"
+    assert "Its reports show tracking latency" in verdict.summary
+    assert "Pushes do not move the cube as they should" in verdict.summary
     assert "force_up" in verdict.follows[0] and not any("delay" in name for name in verdict.follows)

@@ -10,40 +10,44 @@ import numpy as np
 
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.effects.physics import Physics
-from sim_backend.reality_gap.knowledge.cube import ENCODER_OFFSET, OFFSET, PUSHED, REPLAYED, SCALE, SIZE, Trial
+from sim_backend.reality_gap.knowledge.cube import DELAY, ENCODER_OFFSET, OFFSET, PUSHED, REPLAYED, SCALE, SIZE, Trial
 from sim_backend.reality_gap.recording import Recording
 from sim_backend.trifinger import constants as c
 
 
 @dataclass(frozen=True)
-class Base:
+class ReplayedRobot:
     """A robot as far as it is known.
 
     Attributes:
         physics: of its joints, cube and contacts (n = 1), without what sensors make of them.
         encoder_offset_rad: what its encoders show too much, shape (9,).
+        delay_s: how late torques act at each joint, shape (9,).
         bias_m: where the tracker sees the cube too far, shape (3,).
         scale: by what share of its distance from the origin.
     """
 
     physics: Physics = field(default_factory=Physics.nominal)
     encoder_offset_rad: np.ndarray = field(default_factory=lambda: np.zeros(9))
+    delay_s: np.ndarray = field(default_factory=lambda: np.zeros(9))
     bias_m: np.ndarray = field(default_factory=lambda: np.zeros(3))
     scale: float = 0.0
 
     @classmethod
-    def of(cls, found: Physics) -> "Base":
+    def of(cls, found: Physics) -> "ReplayedRobot":
         """The base of what was found of a robot's joints (n = 1).
 
         Of chance, heat and filters nothing is replayed: windows are short, and begin at any temperature.
         """
         kept = {key: values for key, values in found.given.items() if key.partition(".")[0] in REPLAYED}
-        return cls(Physics(1, kept), found.value(ENCODER_OFFSET)[0].copy())
+        return cls(Physics(1, kept), found.value(ENCODER_OFFSET)[0].copy(), found.value(DELAY)[0].copy())
 
     @property
     def is_nominal(self) -> bool:
         """Whether nothing is known."""
-        return self.physics.is_nominal and not (self.encoder_offset_rad.any() or self.bias_m.any() or self.scale)
+        return self.physics.is_nominal and not (
+            self.encoder_offset_rad.any() or self.delay_s.any() or self.bias_m.any() or self.scale
+        )
 
     def tried(self, trial: Trial) -> Physics:
         """The physics with a trial's factors on top, within the catalogue's bounds."""
@@ -59,15 +63,15 @@ class Base:
         """What one unit of a hypothesis' numbers is of the effect's: factors are of what the base has."""
         return 1.0 if effect in (OFFSET, SCALE) else float(self.values(effect)[0])
 
-    def moved(self, effect: str, moves: Sequence[float]) -> "Base":
+    def moved(self, effect: str, moves: Sequence[float]) -> "ReplayedRobot":
         """The same with other numbers of an effect: by how much more in a hypothesis' units, within the catalogue's bounds."""
         return self.with_values(effect, self.values(effect) + self.unit_of(effect) * np.asarray(moves))
 
-    def without(self, effect: str) -> "Base":
+    def without(self, effect: str) -> "ReplayedRobot":
         """The same without an effect that pushes show."""
         return self.with_values(effect, absent_values(effect))
 
-    def with_values(self, effect: str, values: np.ndarray) -> "Base":
+    def with_values(self, effect: str, values: np.ndarray) -> "ReplayedRobot":
         """The same with numbers, shape (n,), of an effect that pushes show, within the catalogue's bounds."""
         kept = _allowed(PUSHED[effect], values)
         if effect == OFFSET:
@@ -90,20 +94,23 @@ class Base:
         true_m = c.CUBE_REST_HEIGHT_M * float(self.values(SIZE)[0])
         return true_m * (1.0 + self.scale) + float(self.bias_m[2]) - c.CUBE_REST_HEIGHT_M
 
-    def without_offsets(self, recordings: Sequence[Recording]) -> list[Recording]:
-        """Recordings with the joints' positions where they are, not where the encoders show them."""
-        if not self.encoder_offset_rad.any():
+    def as_it_was(self, recordings: Sequence[Recording]) -> list[Recording]:
+        """Recordings with joints where they were, not where encoders show them, and torques when they acted, not when sent."""
+        if not (self.encoder_offset_rad.any() or self.delay_s.any()):
             return list(recordings)
-        return [self._without_offset(recording) for recording in recordings]
+        return [self._as_it_was(recording) for recording in recordings]
 
-    def _without_offset(self, recording: Recording) -> Recording:
+    def _as_it_was(self, recording: Recording) -> Recording:
         joints = recording.joints
         if joints is None or joints.position_rad.shape[1] != len(self.encoder_offset_rad):
             return recording
-        return replace(recording, joints=replace(joints, position_rad=joints.position_rad - self.encoder_offset_rad))
+        position, torque = joints.position_rad - self.encoder_offset_rad, joints.commanded_torque_nm
+        if torque is not None:
+            torque = _late(torque, self.delay_s / recording.step_s)
+        return replace(recording, joints=replace(joints, position_rad=position, commanded_torque_nm=torque))
 
 
-NOMINAL_BASE = Base()
+NOMINAL_ROBOT = ReplayedRobot()
 
 
 def absent_values(effect: str) -> np.ndarray:
@@ -114,3 +121,11 @@ def absent_values(effect: str) -> np.ndarray:
 
 def _allowed(key: str, values: np.ndarray) -> np.ndarray:
     return np.clip(values, PARAMETERS[key].lower, PARAMETERS[key].upper)
+
+
+def _late(torque_nm: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    """Torques (s, k), each so many steps later (k,), a part of a step as a mean of two; the first ones stay until then."""
+    whole = steps.astype(int)
+    rows, joints = np.arange(len(torque_nm))[:, None], np.arange(len(steps))
+    earlier, later = (torque_nm[np.maximum(rows - back, 0), joints] for back in (whole + 1, whole))
+    return (steps - whole) * earlier + (1.0 - (steps - whole)) * later

@@ -9,14 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim_backend.reality_gap.knowledge.cube import LINEAR, TABLED, USUAL_SIZES, Kind, Linear
-from sim_backend.reality_gap.subjects.cube.base import Base, absent_values
 from sim_backend.reality_gap.subjects.cube.hypotheses import FINE, WhitenedSession, moved_by, response_table
+from sim_backend.reality_gap.subjects.cube.replayed_robot import ReplayedRobot, absent_values
 from sim_backend.reality_gap.subjects.cube.summary import CubeSummary
 
 _FARTHEST = {"m": 0.02, "": 0.1}
 """How far numbers are looked for that move a session in proportion, by their unit."""
 _MOST_SWEEPS = 400
-_RIDGE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -37,10 +36,14 @@ class PushNumber:
 
     @property
     def slope(self) -> np.ndarray:
-        """By how much one unit moves the session about rest, and then the size, shape (k + 1,)."""
+        """By how much one unit moves the session about rest, shape (k,)."""
         before, after = self.rest - 1, self.rest + 1
-        moved = np.append(self.ways[after] - self.ways[before], self.sizes[after] - self.sizes[before])
-        return moved / (self.values[after] - self.values[before])
+        return (self.ways[after] - self.ways[before]) / (self.values[after] - self.values[before])
+
+    @property
+    def per_size(self) -> float:
+        """By how much one unit is more of the effect, in what such numbers usually are off by."""
+        return float((self.sizes[-1] - self.sizes[0]) / (self.values[-1] - self.values[0]))
 
 
 @dataclass(frozen=True)
@@ -60,7 +63,7 @@ class Fitted:
     half_left: float
 
 
-def numbers_of(summary: CubeSummary, seen: WhitenedSession, base: Base) -> dict[str, tuple[PushNumber, ...]]:
+def numbers_of(summary: CubeSummary, seen: WhitenedSession, base: ReplayedRobot) -> dict[str, tuple[PushNumber, ...]]:
     """The numbers of each hypothesis about pushes, by effect; of a session with pushes, replayed with a base."""
     found: dict[str, tuple[PushNumber, ...]] = {}
     for tabled in TABLED:
@@ -72,7 +75,7 @@ def numbers_of(summary: CubeSummary, seen: WhitenedSession, base: Base) -> dict[
     return found
 
 
-def _number(effect: str, i: int, base: Base, values: np.ndarray, ways: np.ndarray, nominal: float) -> PushNumber:
+def _number(effect: str, i: int, base: ReplayedRobot, values: np.ndarray, ways: np.ndarray, nominal: float) -> PushNumber:
     now, absent = float(base.values(effect)[i]), float(absent_values(effect)[i])
     sizes = (now + base.unit_of(effect) * (values - nominal) - absent) / USUAL_SIZES[effect]
     return PushNumber(values, ways, int(np.searchsorted(values, nominal)), sizes)
@@ -119,10 +122,9 @@ def fitted(vector: np.ndarray, numbers: Sequence[PushNumber]) -> Fitted:
 
 
 def _errors(numbers: Sequence[PushNumber]) -> np.ndarray:
-    """Standard error of each number about rest, while all others may be anything, shape (n,)."""
+    """Standard error of each number about rest, while all may be as far off as they usually are, shape (n,)."""
     if not numbers:
         return np.zeros(0)
-    columns = np.stack([number.slope for number in numbers], axis=1)
-    scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-12)
-    information = (columns / scale).T @ (columns / scale) + _RIDGE * np.eye(len(numbers))
-    return np.sqrt(np.diag(np.linalg.inv(information))) / scale
+    columns, usual = np.stack([number.slope for number in numbers], axis=1), np.array([number.per_size for number in numbers])
+    scaled = columns / usual  # in usual sizes, of which the prior has unit variance
+    return np.sqrt(np.diag(np.linalg.inv(scaled.T @ scaled + np.eye(len(numbers))))) / usual
