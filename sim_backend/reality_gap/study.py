@@ -129,7 +129,7 @@ def knowing(known: Robot, verdict: Verdict) -> Robot:
     if not isinstance(known, KnownTriFinger) or verdict.verdict is not VerdictKind.NAMED:
         return known
     clear = {cause.effect for cause in verdict.causes if not _may_be_absent(cause)}
-    found = physics_of(writable(verdict.causes), known.found)
+    found = physics_of(writable(verdict.extended or verdict.causes), known.found)
     return replace(known, found=found, differs_everywhere=len(clear & REPLAYED) >= MANY_EFFECTS)
 
 

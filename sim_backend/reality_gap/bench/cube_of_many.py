@@ -22,6 +22,7 @@ from sim_backend.reality_gap.bench.cube_sessions import sessions_with_pushes
 from sim_backend.reality_gap.bench.many_causes import LINES, is_of_real, robot
 from sim_backend.reality_gap.knowledge.cube import PUSHED
 from sim_backend.reality_gap.knowledge.healthy import CUBES_OF_MANY_FILE
+from sim_backend.reality_gap.knowledge.value_errors import likeliest
 from sim_backend.reality_gap.model.files import writable
 from sim_backend.reality_gap.model.model import physics_of
 from sim_backend.reality_gap.subjects.cube.healthy import load_calibration, misfit_of_pushes, scattered
@@ -107,7 +108,8 @@ class _Replay:
 def _cause(row: Mapping) -> Cause:
     effect, _, parameter = row["key"].partition(".")
     low, high = row["interval_90"]
-    return Cause(effect, parameter, row["where"], row["value"], PARAMETERS[row["key"]].unit, (low, high))
+    value = likeliest(row["key"], row["value"], (low, high), row["nominal"])
+    return Cause(effect, parameter, row["where"], value, PARAMETERS[row["key"]].unit, (low, high))
 
 
 if __name__ == "__main__":

@@ -120,7 +120,7 @@ class _Study:
     """What a worker does: the study of a robot by its seed."""
 
     def __call__(self, seed: int, _: None = None) -> dict:
-        """Verdict and causes; a cause as a dictionary."""
+        """Verdict and what its extended model has; a cause as a dictionary."""
         begun, physics = time.monotonic(), robot(seed)
         (joints,), (pushes,) = simulated_recordings(physics, [seed], EVERYTHING), sessions_with_pushes(physics, [seed])
         material = Material(f"robot {seed}", (*joints, *pushes), ())
@@ -129,7 +129,7 @@ class _Study:
             "seed": seed,
             "verdict": verdict.verdict,
             "summary": verdict.summary,
-            "causes": [asdict(cause) for cause in writable(verdict.causes)],
+            "causes": [asdict(cause) for cause in writable(verdict.extended or verdict.causes)],
             "cannot_tell": list(verdict.cannot_tell),
             "seconds": time.monotonic() - begun,
         }

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sim_backend.reality_gap.knowledge.joint_effects import NUMBERS, SCALES, TORQUE_CONSTANT, TURNS_OF_MOTORS
+from sim_backend.reality_gap.quantiles import Z_90
 
 FILE = Path(__file__).with_name("value_errors.json")
 TELLING = 0.5
@@ -137,3 +138,15 @@ def _largest(values: Sequence[float]) -> float:
     """What also the next value stays below with the wanted chance, at least 0; the largest where there are too few to tell."""
     rank = int(np.ceil((len(values) + 1) * 0.5 * (1.0 + COVERED)))
     return max(0.0, sorted(values)[min(rank, len(values)) - 1])
+
+
+def likeliest(key: str, value: float, interval_90: tuple[float, float], nominal: float) -> float:
+    """A fitted value, drawn towards the nominal one as far as it is unsure on that side and large for its parameter.
+
+    The mean of what is usual of the parameter and of what was fitted. Between many causes a value may run to its bound while
+    another makes up for it, which no motion like those that were recorded shows; any other motion would.
+    """
+    if key not in SCALES:
+        return value
+    unsure = (value - interval_90[0] if value > nominal else interval_90[1] - value) / Z_90
+    return nominal + (value - nominal) * SCALES[key] ** 2 / (SCALES[key] ** 2 + unsure**2)

@@ -50,7 +50,7 @@ def write_models(
     written = []
     if model is None:
         provenance = provenance_of(title, verdict.verdict, data)
-        found = extended_model(writable(verdict.causes), provenance, about=verdict.summary)
+        found = extended_model(writable(verdict.extended or verdict.causes), provenance, about=verdict.summary)
         write_extended_model(found, out / "extended-model.toml")
         spec, _ = robot_mjcf(found.physics)
         write_mjcf(spec, out / "extended-model.xml", found.estimate)

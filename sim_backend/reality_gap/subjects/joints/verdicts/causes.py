@@ -10,7 +10,7 @@ from sim_backend.effects.effect import Scope
 from sim_backend.reality_gap.knowledge.healthy import detection_limit
 from sim_backend.reality_gap.knowledge.joint_effects import NUMBERS, SCALES
 from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger
-from sim_backend.reality_gap.knowledge.value_errors import STANDSTILL_SPEED, UsualErrors, is_telling, usual_errors
+from sim_backend.reality_gap.knowledge.value_errors import STANDSTILL_SPEED, UsualErrors, is_telling, likeliest, usual_errors
 from sim_backend.reality_gap.subjects.joints.identification import JointStudy
 from sim_backend.reality_gap.subjects.joints.laws.fitted_values import FittedValue, fitted_values
 from sim_backend.reality_gap.subjects.joints.laws.intervals import half_interval
@@ -76,8 +76,28 @@ def is_clear(study: JointStudy, cause: Cause) -> bool:
     if not study.is_of_many or key not in SCALES:
         return True
     here = study.problem_start(key, index_of(study.problem.names, key, cause.where))
-    is_sure = not cause.interval_90[0] <= here <= cause.interval_90[1]
+    is_sure = not (cause.interval_90[0] <= here <= cause.interval_90[1] or _is_at_bound(key, cause.value, here))
     return is_sure and is_telling(key, cause.where, _standstill_rad_s(study, cause.where))
+
+
+def _is_at_bound(key: str, value: float, nominal: float) -> bool:
+    """Whether a value ran as far as its parameter allows: then it makes up for what something else lacks."""
+    return value != nominal and (value <= PARAMETERS[key].lower or value >= PARAMETERS[key].upper)
+
+
+def extended_causes(study: JointStudy, causes: Sequence[Cause]) -> list[Cause]:
+    """The values of the extended model where a robot differs everywhere; none where those of the causes are as good."""
+    if not study.is_of_many:
+        return []
+    return [_likeliest(study, cause) for cause in causes]
+
+
+def _likeliest(study: JointStudy, cause: Cause) -> Cause:
+    key = f"{cause.effect}.{cause.parameter}"
+    if key not in SCALES:
+        return cause
+    nominal = study.problem_start(key, index_of(study.problem.names, key, cause.where))
+    return replace(cause, value=likeliest(key, cause.value, cause.interval_90, nominal))
 
 
 def is_too_little(study: JointStudy, causes: Sequence[Cause]) -> bool:

@@ -30,6 +30,7 @@ from sim_backend.reality_gap.subjects.joints.torques.normal_equations import WHO
 from sim_backend.reality_gap.subjects.joints.torques.residual_patterns import Pattern, lasting, patterns
 from sim_backend.reality_gap.subjects.joints.verdicts.causes import (
     causes_of,
+    extended_causes,
     is_clear,
     is_too_little,
     may_be_absent,
@@ -90,6 +91,7 @@ def judge(study: JointStudy) -> JointVerdict:
         verdict=kind,
         summary=summary,
         causes=tuple(causes),
+        extended=tuple(extended_causes(study, causes)) if kind is VerdictKind.NAMED else (),
         null_p=null_p,
         runner_up=closest,
         rejected=() if confusable else tuple(sorted((rival for rival, _ in rivals), key=lambda rival: rival.behind)),

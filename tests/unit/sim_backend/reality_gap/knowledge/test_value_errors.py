@@ -12,6 +12,7 @@ from sim_backend.reality_gap.knowledge.value_errors import (
     deviation,
     document,
     is_telling,
+    likeliest,
     measured_errors,
     place_in_finger,
     usual_errors,
@@ -105,3 +106,12 @@ def test_what_is_usually_far_off_tells_nothing_and_the_same_may_tell_where_it_is
 @pytest.mark.parametrize("key", SCALES)
 def test_every_number_that_a_study_can_name_has_one(key):
     assert 0.0 <= usual_errors(key, "finger0_base_to_upper", 0.1).half < 10 * SCALES[key]
+
+
+def test_a_value_is_drawn_towards_nominal_as_far_as_it_is_unsure_on_that_side():
+    key = "load_friction.coefficient"
+    assert likeliest(key, 0.6, (0.599, 5.0), 0.0) == pytest.approx(0.6, abs=0.001)
+    assert likeliest(key, 0.6, (0.04, 0.61), 0.0) == pytest.approx(0.097, abs=0.002)
+    assert likeliest(key, -0.2, (-5.0, -0.199), 0.0) == pytest.approx(-0.2, abs=0.001)
+    assert likeliest(key, 0.1, (-1.0, 1.2), 0.1) == 0.1
+    assert likeliest("joint_noise.position_rad", 2e-4, (0.0, 4e-4), 0.0) == 2e-4, "what is no part of the fit stays"
