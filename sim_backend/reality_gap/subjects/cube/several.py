@@ -15,7 +15,7 @@ from itertools import groupby, pairwise
 
 import numpy as np
 
-from sim_backend.reality_gap.knowledge.cube import NUMBERS_OF_PUSHES
+from sim_backend.reality_gap.knowledge.cube import NUMBERS_OF_PUSHES, UNTOLD_BESIDE_OTHERS
 from sim_backend.reality_gap.quantiles import Z_90
 from sim_backend.reality_gap.subjects.cube.hypotheses import Estimate, Null, WhitenedSession, whitened, without_worst
 from sim_backend.reality_gap.subjects.cube.push_numbers import Fitted, PushNumber, fitted, numbers_of
@@ -191,7 +191,8 @@ class _Round:
     def able(self, is_enough: Callable[[float], bool]) -> dict[str, float]:
         """Effects that gain more than chance beside those accepted, the largest gain by the scatter of healthy sessions first."""
         by_healthy = self.healthy.gains(self.accepted)
-        able = [effect for effect, gain in self.here.gains(self.accepted).items() if is_enough(gain)]
+        gains = self.here.gains(self.accepted).items()
+        able = [effect for effect, gain in gains if is_enough(gain) and effect not in UNTOLD_BESIDE_OTHERS]
         return {effect: by_healthy[effect] for effect in sorted(able, key=lambda effect: -by_healthy[effect])}
 
     def firsts(self, is_enough: Callable[[float], bool]) -> list[str]:

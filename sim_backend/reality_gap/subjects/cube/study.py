@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from sim_backend.reality_gap.knowledge.cube import COUNTED, KINDS, Kind
+from sim_backend.reality_gap.knowledge.cube import COUNTED, KINDS, UNTOLD_BESIDE_OTHERS, Kind
 from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger
 from sim_backend.reality_gap.knowledge.separation import separated_by
 from sim_backend.reality_gap.recording import Recording
@@ -110,7 +110,8 @@ def _study_of_several(
     else:
         found = Several.without_pushes(replace(evidence_with(base), replayed=()), of_many.null)
     cannot, record = _limits_of_log(pushes)
-    verdict = verdict_of_several(found, of_many, calibration, {"cannot_tell": cannot, "record_next": record})
+    shared = {"cannot_tell": (*cannot, *UNTOLD_BESIDE_OTHERS.values()), "record_next": record}
+    verdict = verdict_of_several(found, of_many, calibration, shared)
     return CubeStudy(verdict, tuple(judge(found.summary, of_many.null)), pushes, 1.0)
 
 
