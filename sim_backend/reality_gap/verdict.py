@@ -104,10 +104,10 @@ class Verdict:
 
     ``causes`` holds the named ones, or the members of a confusable set. ``extended`` are values of the extended model where it
     has others than the causes: more, what makes it go where the robot went without being told to be a cause, or where many causes
-    are unsure the likeliest ones. ``null_p`` is the share of
-    healthy sessions whose largest gain is at least this one's, none where all causes were seen without a fit. ``held_out_there``
-    are errors where such causes act, which ``held_out`` leaves out. ``rejected`` are the best other explanations of the named
-    causes, closest first, with what speaks against each; ``runner_up`` is the first of them. ``misreads`` is what the data agree
+    are unsure the likeliest ones. ``null_p`` is the share of healthy sessions whose largest gain is at least this one's, none
+    where all causes were seen without a fit or several of a cube were fitted together. ``held_out_there`` are errors where such
+    causes act, which ``held_out`` leaves out. ``rejected`` are the best other explanations of the named causes, closest first,
+    with what speaks against each; ``runner_up`` is the first of them. ``misreads`` is what the data agree
     with if something in them is not as it is told. ``effects`` says of every effect of the catalogue what came of it, where a
     subject answers for all of them.
     """

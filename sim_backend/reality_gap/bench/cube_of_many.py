@@ -25,6 +25,7 @@ from sim_backend.reality_gap.knowledge.healthy import CUBES_OF_MANY_FILE
 from sim_backend.reality_gap.knowledge.value_errors import likeliest
 from sim_backend.reality_gap.model.files import writable
 from sim_backend.reality_gap.model.model import physics_of
+from sim_backend.reality_gap.quantiles import Z_90
 from sim_backend.reality_gap.subjects.cube.healthy import load_calibration, misfit_of_pushes, scattered
 from sim_backend.reality_gap.subjects.cube.hypotheses import Null, whitened, without_worst
 from sim_backend.reality_gap.subjects.cube.replay import PushReplay
@@ -36,8 +37,8 @@ from sim_backend.reality_gap.verdict import Cause, VerdictKind
 from sim_backend.refusal import refused
 from sim_backend.workers.pool import WorkersError, open_workers
 
-_COVERED, _COVERED_STD = 0.9, 1.645
-"""Of Gaussian numbers so many are within so many standard deviations."""
+_COVERED = 0.9
+"""Share of robots whose numbers lie within as many standard deviations as of Gaussian ones, ``Z_90``."""
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -77,7 +78,7 @@ def document(found: Sequence[np.ndarray], seeds: Sequence[int], healthy: Null) -
     """
     rows, kept = np.array(found), [NAMES.index(name) for name in PLACED_NAMES]
     middles = np.median(rows, axis=0)
-    spreads = np.maximum(np.quantile(np.abs(rows - middles), _COVERED, axis=0) / _COVERED_STD, 1.0)
+    spreads = np.maximum(np.quantile(np.abs(rows - middles), _COVERED, axis=0) / Z_90, 1.0)
     middle, spread = ({NAMES[k]: round(float(values[k]), 3) for k in kept} for values in (middles, spreads))
     here = scattered(healthy, middle, spread)
     vectors = healthy.mean + rows * np.sqrt(np.diag(healthy.covariance))
