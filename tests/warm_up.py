@@ -15,6 +15,7 @@ def main() -> int:
         chain_steps.simulate,
         motor_law.in_simulations,
         motor_law._compiled,
+        motor_law._compiled_shape,
         play_law._compiled,
     ):
         compiled()

@@ -67,6 +67,9 @@ _LOAD = KEYS.index("load_friction.coefficient")
 _OUTER_LOAD = KEYS.index("load_friction.external_coefficient")
 _DIRECTION = KEYS.index("directional_friction.difference_nm")
 _ZERO, _DRAG = VECTOR.index(ZERO), VECTOR.index(DRAG)
+_FORMS = ((_AMPLITUDE, (_CYCLES, _PHASE)), (_STRIBECK, (_STRIBECK_SPEED, _STRIBECK_EXPONENT)), (_DIRECTION, ()))
+"""Of ``along_one_nm`` the size without which there is nothing, and what else each depends on."""
+_FORMS_KEPT = 2
 FRICTION = tuple(KEYS[i] for i in (_COULOMB, _STRIBECK, _LOAD, _OUTER_LOAD, _DIRECTION))
 """Numbers without which a joint has no dry friction."""
 LIMIT, COGGING, GAP = KEYS[_LIMIT], KEYS[_AMPLITUDE], KEYS[PLAY]
@@ -130,43 +133,57 @@ def values_of(p: np.ndarray, j: int) -> Values:
 
 
 @numba.njit(inline="always")
+def along_one_nm(p: Values, position: float, velocity: float) -> tuple[float, float, float]:
+    """What cogging, friction near standstill and what differs between directions come to for each N m; 0 without them.
+
+    They follow from the motion and the law's form alone, and take most of its time.
+    """
+    cogging = cogging_torque_nm(1.0, p[_CYCLES], p[_PHASE], position) if p[_AMPLITUDE] != 0.0 else 0.0
+    standstill = stribeck_bound_nm(1.0, p[_STRIBECK_SPEED], p[_STRIBECK_EXPONENT], velocity) if p[_STRIBECK] != 0.0 else 0.0
+    return cogging, standstill, directional_bound_nm(1.0, velocity) if p[_DIRECTION] != 0.0 else 0.0
+
+
+@numba.njit(inline="always")
 def sent_to_joint(
     sent: float,
     total: float,
-    position: float,
     velocity: float,
     external: float,
     step_s: float,
     p: Values,
+    one_nm: tuple[float, float, float],
     warm: float,
     rotor: float,
     play: float,
 ) -> tuple[float, float, float, float, float, float]:
     """One step of a joint: torque of the current, torque after the gear, bound of the friction, and what the joint remembers.
 
-    ``p`` has its values by ``VECTOR``. It remembers the motor's temperature, the rotor's speed and the play.
+    ``p`` has its values by ``VECTOR``, ``one_nm`` is that of :func:`along_one_nm`. It remembers the motor's temperature, the
+    rotor's speed and the play.
     """
+    cogging, standstill, directed = one_nm
     current = saturated_torque_nm(sent, p[_LIMIT])
     if p[SAG] != 0.0:
         current = saturated_torque_nm(current, c.MAX_TORQUE_NM * sagging_factor(p[SAG], total))
     if p[_LOSS] != 0.0:
         warm = temperature_rise_k(warm, current, p[_RISE], p[_WARM_TIME], step_s)
     value = derated_torque_nm(scaled_torque_nm(current, p[_CONSTANT]), warm, p[_LOSS])
-    value += cogging_torque_nm(p[_AMPLITUDE], p[_CYCLES], p[_PHASE], position)
+    value += p[_AMPLITUDE] * cogging
     value += p[_ZERO] - p[_DRAG] * velocity * abs(velocity)
     if p[PLAY] > 0.0:
         play, rotor, value = backlash(play, rotor, velocity, value, p[PLAY], p[ROTOR], step_s)
-    bound = p[_COULOMB] + stribeck_bound_nm(p[_STRIBECK], p[_STRIBECK_SPEED], p[_STRIBECK_EXPONENT], velocity)
-    bound += load_bound_nm(p[_LOAD], value, p[_OUTER_LOAD], external)
-    return current, value, max(0.0, bound + directional_bound_nm(p[_DIRECTION], velocity)), warm, rotor, play
+    bound = p[_COULOMB] + p[_STRIBECK] * standstill + load_bound_nm(p[_LOAD], value, p[_OUTER_LOAD], external)
+    return current, value, max(0.0, bound + p[_DIRECTION] * directed), warm, rotor, play
 
 
 def _law(
     sent: np.ndarray,
     total: np.ndarray,
-    position: np.ndarray,
     velocity: np.ndarray,
     direction: np.ndarray,
+    cogging: np.ndarray,
+    standstill: np.ndarray,
+    directed: np.ndarray,
     external: np.ndarray,
     measured_k: np.ndarray,
     step_s: float,
@@ -184,7 +201,8 @@ def _law(
         arrived, speed = newer + fraction * (older - newer), velocity[i]
         if not np.isnan(measured_k[i]):
             warm = measured_k[i]
-        now = sent_to_joint(arrived, total[i], position[i], speed, external[i], step_s, values, warm, rotor, gap)
+        one_nm = cogging[i], standstill[i], directed[i]
+        now = sent_to_joint(arrived, total[i], speed, external[i], step_s, values, one_nm, warm, rotor, gap)
         current[i], value, bound, warm, rotor, gap = now
         play[i] = gap
         net[i] = value - bound * direction[i]
@@ -206,15 +224,16 @@ def _in_simulations(
         total = np.abs(arrived[i]).sum()
         for j in range(arrived.shape[1]):
             values, warm, rotor, gap = values_of(p[i], j), memory[i, j, 0], memory[i, j, 1], memory[i, j, 2]
-            at, speed, load = position[i, j], velocity[i, j], external[i, j]
-            now = sent_to_joint(arrived[i, j], total, at, speed, load, step_s, values, warm, rotor, gap)
+            speed, load = velocity[i, j], external[i, j]
+            one_nm = along_one_nm(values, position[i, j], speed)
+            now = sent_to_joint(arrived[i, j], total, speed, load, step_s, values, one_nm, warm, rotor, gap)
             _, value[i, j], bound[i, j], memory[i, j, 0], memory[i, j, 1], memory[i, j, 2] = now
 
 
 @functools.cache
 def _compiled() -> Callable[..., None]:
     series = types.float64[:]
-    given, found = (series,) * 7, (series,) * 3
+    given, found = (series,) * 9, (series,) * 3
     signature = types.void(*given, types.float64, types.float64[:, ::1], *found)
     return compiled_once(lambda cache: numba.njit(signature, cache=cache)(_law))
 
@@ -232,12 +251,58 @@ def in_simulations() -> Callable[..., None]:
     return compiled_once(lambda cache: numba.njit(signature, cache=cache)(_in_simulations))
 
 
+@functools.cache
+def _compiled_shape() -> Callable[..., None]:
+    series = types.float64[:]
+    signature = types.void(types.float64[:, ::1], series, series, types.int64, series)
+    return compiled_once(lambda cache: numba.njit(signature, cache=cache)(_shape))
+
+
+def _shape(p: np.ndarray, position: np.ndarray, velocity: np.ndarray, which: int, found: np.ndarray) -> None:
+    """One of those of ``along_one_nm`` along a motion."""
+    values = values_of(p, 0)
+    for i in range(len(position)):
+        found[i] = along_one_nm(values, position[i], velocity[i])[which]
+
+
+class JointMotion:
+    """The recorded motion of one joint, and what the law makes of it alone.
+
+    Args:
+        position: shape (s,), rad.
+        velocity: shape (s,), rad/s.
+    """
+
+    def __init__(self, position: np.ndarray, velocity: np.ndarray) -> None:
+        self.position, self.velocity = np.ascontiguousarray(position), np.ascontiguousarray(velocity)
+        self.direction = direction_of(self.velocity)
+        """Of the velocity (:func:`direction_of`), shape (s,)."""
+        self._none = np.zeros(self.position.shape)
+        self._known: list[dict[bytes, np.ndarray]] = [{} for _ in _FORMS]
+        """The last two of each form: most questions leave it as it is."""
+
+    def shapes(self, values: np.ndarray) -> list[np.ndarray]:
+        """What cogging, friction near standstill and what differs between directions come to for each N m, each (s,)."""
+        return [
+            self._none if values[size] == 0.0 else self._of(which, values[list(form)].tobytes(), values)
+            for which, (size, form) in enumerate(_FORMS)
+        ]
+
+    def _of(self, which: int, form: bytes, values: np.ndarray) -> np.ndarray:
+        known = self._known[which]
+        if form not in known:
+            found = np.empty(self.position.shape)
+            _compiled_shape()(np.ascontiguousarray(values)[None], self.position, self.velocity, which, found)
+            if len(known) == _FORMS_KEPT:
+                del known[next(iter(known))]
+            known[form] = found
+        return known[form]
+
+
 def along(
     sent_nm: np.ndarray,
     total_nm: np.ndarray,
-    position: np.ndarray,
-    velocity: np.ndarray,
-    direction: np.ndarray,
+    motion: JointMotion,
     external_nm: np.ndarray,
     measured_k: np.ndarray,
     step_s: float,
@@ -248,9 +313,7 @@ def along(
     Args:
         sent_nm: torque sent in each step, shape (s,), N m.
         total_nm: of all motors together, shape (s,), N m.
-        position: of the joint, shape (s,), rad.
-        velocity: shape (s,), rad/s.
-        direction: of the velocity (:func:`direction_of`), shape (s,).
+        motion: of the joint, s samples.
         external_nm: what gravity and motion ask of the joint, shape (s,), N m; anything where :func:`needs_external` is false.
         measured_k: how much warmer than its surroundings the motor was, shape (s,), K; NaN where the law says so, from cold.
         step_s: length of a step.
@@ -260,7 +323,7 @@ def along(
         Torque of the current (what a board measures), torque left at the joint after friction, and play, each (s,).
     """
     out = np.empty((3, len(sent_nm)))
-    given = sent_nm, total_nm, position, velocity, direction, external_nm, measured_k
+    given = sent_nm, total_nm, motion.velocity, motion.direction, *motion.shapes(values), external_nm, measured_k
     _compiled()(*given, step_s, np.ascontiguousarray(values)[None], *out)
     return out[0], out[1], out[2]
 

@@ -50,9 +50,8 @@ class MotorTorques:
         """How much warmer than their surroundings motors were, shape (k, s), K; NaN, or None, where nobody measured it."""
         self._total = np.abs(driving).sum(axis=1)
         self._unmeasured = np.full(len(driving), np.nan)
-        self._position = np.ascontiguousarray(path.fast_position.T)
-        self._velocity = np.ascontiguousarray(path.fast_velocity.T)
-        self._direction = motor_law.direction_of(self._velocity)
+        moves = zip(path.fast_position.T, path.fast_velocity.T, strict=True)
+        self._motions = [motor_law.JointMotion(position, velocity) for position, velocity in moves]
         self._step_s, law = path.step_s, path.joints.feedback
         made = np.isin(path.joints.names, path.joints.not_recorded)
         self._is_of_targets = made & (np.zeros(len(made), bool) if law is None else law.is_on_board)
@@ -109,12 +108,11 @@ class MotorTorques:
         torque_nm, key = torques_nm[j], (j, torques_nm is self.driving_nm, values.tobytes())
         if key not in self._known:
             external = self._external_nm[j] if motor_law.needs_external(values) else self._total
-            motion = self._position[j], self._velocity[j], self._direction[j]
             if self._is_of_targets[j] and torques_nm is self.driving_nm:
                 delay_s, values = motor_law.in_time(values)
                 torque_nm = torque_nm if delay_s == 0.0 else self._of_late_targets_nm(j, delay_s)
             warmth = self._unmeasured if self.warmth_k is None else self.warmth_k[j]
-            found = motor_law.along(torque_nm, self._total, *motion, external, warmth, self._step_s, values)
+            found = motor_law.along(torque_nm, self._total, self._motions[j], external, warmth, self._step_s, values)
             for each in found:
                 each.flags.writeable = False
             while len(self._known) * 3 * torque_nm.nbytes > _KEPT_BYTES:
@@ -132,7 +130,7 @@ class MotorTorques:
 
     def cogging_image(self, state: JointState, term: Term, j: int) -> np.ndarray:
         """What cogging of the term's own phase, beside the one that the state has, adds per N m, shape (s,)."""
-        return motor_law.cogging_image(state.moved(term, 0.0).motor(j), self._position[j])
+        return motor_law.cogging_image(state.moved(term, 0.0).motor(j), self._motions[j].position)
 
 
 def _given(sent: np.ndarray | None, measured: np.ndarray | None) -> tuple[np.ndarray, np.ndarray | None]:

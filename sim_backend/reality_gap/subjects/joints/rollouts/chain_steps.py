@@ -9,7 +9,7 @@ from numba import types
 
 from sim_backend.driver.compilation import compiled_once
 from sim_backend.reality_gap.subjects.joints.laws import motor_law
-from sim_backend.reality_gap.subjects.joints.laws.motor_law import sent_to_joint, values_of
+from sim_backend.reality_gap.subjects.joints.laws.motor_law import along_one_nm, sent_to_joint, values_of
 from sim_backend.reality_gap.subjects.joints.rollouts import (
     chain_slots,
     controller_steps,
@@ -128,8 +128,9 @@ def _simulate(  # noqa: PLR0912  # one loop over time: compiled functions that i
                 for j in range(k):
                     is_free, known = rotors[SIDE, j] == 0.0, values_of(of_motors, j)
                     turned, speed = q[j] + rotors[AHEAD, j], rotors[SPEED, j] if is_free else v[j]
+                    one_nm = along_one_nm(known, turned, speed)
                     _, value[j], bound[j], memory[j, 0], memory[j, 1], memory[j, 2] = sent_to_joint(
-                        arrived[j], total, turned, speed, load[j], step_s, known, memory[j, 0], memory[j, 1], memory[j, 2]
+                        arrived[j], total, speed, load[j], step_s, known, one_nm, memory[j, 0], memory[j, 1], memory[j, 2]
                     )
                     rest[j] = step_s * (joints[STIFFNESS, m, j] * (joints[REST, m, j] - q[j]) - load[j])
                     if is_free:  # what turns the rotor and what holds its bearing does not reach the link

@@ -6,7 +6,7 @@ import pytest
 from sim_backend.driver.driver import Command, Start
 from sim_backend.driver.simulated import SimulatedDriver
 from sim_backend.effects.physics import Physics
-from sim_backend.reality_gap.subjects.joints.laws.motor_law import KEYS, VECTOR, absent_values, along, direction_of, values_of
+from sim_backend.reality_gap.subjects.joints.laws.motor_law import KEYS, VECTOR, JointMotion, absent_values, along, values_of
 from sim_backend.reality_gap.subjects.joints.laws.plant import Plant
 from sim_backend.trifinger import constants as c
 from sim_backend.trifinger.scene import compile_scene
@@ -70,8 +70,8 @@ def lawful(robot, segment, joint):
     plant = Plant(compile_scene(), c.JOINT_NAMES)
     asked = plant.load_nm(segment.true_joint_position_rad[0], segment.true_joint_velocity_rad_s[0])[:, joint]
     total = np.abs(sent).sum(axis=1)
-    motion = position, velocity, direction_of(velocity)
-    own = np.ascontiguousarray(sent[:, joint]), total, *motion, np.ascontiguousarray(asked), NOT_MEASURED[: len(total)]
+    motion = JointMotion(position, velocity)
+    own = np.ascontiguousarray(sent[:, joint]), total, motion, np.ascontiguousarray(asked), NOT_MEASURED[: len(total)]
     return along(*own, STEPS_S, values)
 
 
@@ -124,7 +124,7 @@ def test_a_joint_at_rest_feels_no_friction():
     values = absent_values()
     values[KEYS.index("coulomb_friction.torque_nm")] = 0.1
     rest = np.zeros(50)
-    _, net, _ = along(np.full(50, 0.02), np.full(50, 0.02), rest, rest, rest, rest, NOT_MEASURED[:50], STEPS_S, values)
+    _, net, _ = along(np.full(50, 0.02), np.full(50, 0.02), JointMotion(rest, rest), rest, NOT_MEASURED[:50], STEPS_S, values)
     np.testing.assert_array_equal(net, np.full(50, 0.02))
 
 
@@ -134,6 +134,6 @@ def test_a_motor_whose_temperature_was_measured_is_as_warm_as_that_and_else_as_i
     values[KEYS.index("thermal_derating.rise_k_nm2")] = 0.0
     measured = np.linspace(30.0, 40.0, 50)
     measured[:10] = np.nan
-    _, net, _ = along(sent, sent, rest, rest, rest, rest, measured, STEPS_S, values)
+    _, net, _ = along(sent, sent, JointMotion(rest, rest), rest, measured, STEPS_S, values)
     np.testing.assert_array_equal(net[:10], sent[:10])
     np.testing.assert_allclose(net[10:], 0.02 * (1.0 - 0.004 * measured[10:]), rtol=1e-4)
