@@ -2,16 +2,17 @@
 
     python -m sim_backend.reality_gap.bench.success --policy FILE --first-seed S --robots N --goals G --out DIR
 
-Robots are drawn from ``real``. Each is seen by what ``trifarm identify`` records, joints and pushes, and studied; then the policy
-tries the same goals on it, on its extended model and on the nominal robot, with noise of their own. ``studies.jsonl`` has a line
-for each robot and ``tries.jsonl`` one for each ``TOGETHER`` goals of a model, so that a test goes on where it stopped.
+Robots are drawn from ``real``. Each is seen by what ``trifarm identify`` records and studied, first its joints, then, with what
+was found of them, its cube; then the policy tries the same goals on it, on its extended model and on the nominal robot, with
+noise of their own. ``joints.jsonl`` and ``studies.jsonl`` have a line for each robot and ``tries.jsonl`` one for each
+``TOGETHER`` goals of a model, so that a test goes on where it stopped.
 """
 
 import argparse
 import json
 import sys
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -25,13 +26,16 @@ from sim_backend.reality_gap.bench.counting import whole_lines
 from sim_backend.reality_gap.bench.cube_sessions import sessions_with_pushes
 from sim_backend.reality_gap.bench.joint_sessions import EVERYTHING, simulated_recordings
 from sim_backend.reality_gap.bench.many_causes import robot
+from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger
 from sim_backend.reality_gap.model.files import writable
 from sim_backend.reality_gap.model.model import physics_of
-from sim_backend.reality_gap.study import verdict_of
+from sim_backend.reality_gap.study import knowing
+from sim_backend.reality_gap.subjects.cube import subject as cube
+from sim_backend.reality_gap.subjects.joints import subject as joints
 from sim_backend.reality_gap.subjects.subject import Material
 from sim_backend.reality_gap.success.gain import NOISE_SEED, success_gain
 from sim_backend.reality_gap.success.policy_file import load_policy
-from sim_backend.reality_gap.verdict import Cause
+from sim_backend.reality_gap.verdict import Cause, Verdict, VerdictKind, joined
 from sim_backend.refusal import refused
 from sim_backend.tasks import TASKS
 from sim_backend.workers.pool import WorkersError, open_workers
@@ -83,12 +87,18 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _run(options: argparse.Namespace) -> dict[str, Any]:
     at, seeds = (options.processes, options.cluster), range(options.first_seed, options.first_seed + options.robots)
-    with open_workers(_Study, *at) as workers:
-        path = options.out / "studies.jsonl"
+
+    def studied(what: str, work: Callable[[], Any], items: Mapping[int, Any]) -> dict[int, dict]:
+        """A line for each robot, by its seed; what a file has already is not done again."""
+        path = options.out / f"{what}.jsonl"
         there = {line["seed"] for line in whole_lines(path)}
-        todo = [seed for seed in seeds if seed not in there]
-        _keep(path, workers.map(todo), (len(seeds) - len(todo), len(seeds)), "robots are studied")
-    studies = {line["seed"]: line for line in whole_lines(path)}
+        todo = [item for seed, item in items.items() if seed not in there]
+        with open_workers(work, *at) as workers:
+            _keep(path, workers.map(todo), (len(items) - len(todo), len(items)), f"{what} are done")
+        return {line["seed"]: line for line in whole_lines(path) if line["seed"] in items}
+
+    of_joints = studied("joints", _Joints, {seed: seed for seed in seeds})
+    studies = studied("studies", _Study, of_joints)
     parts = [range(first, min(first + TOGETHER, options.goals)) for first in range(0, options.goals, TOGETHER)]
     tries: list[Asked] = [(NOMINAL, None, part) for part in parts]
     tries += [(model, seed, part) for seed in seeds for model in (MEASURED, EXTENDED) for part in parts]
@@ -116,22 +126,39 @@ def _keep(path: Path, found: Iterable[dict], counts: tuple[int, int], what: str)
             print(f"{done} of {of} {what}", file=sys.stderr, flush=True)
 
 
-class _Study:
-    """What a worker does: the study of a robot by its seed."""
+class _Joints:
+    """What a worker does: the study of a robot's joints by its seed."""
 
     def __call__(self, seed: int, _: None = None) -> dict:
-        """Verdict and what its extended model has; a cause as a dictionary."""
-        begun, physics = time.monotonic(), robot(seed)
-        (joints,), (pushes,) = simulated_recordings(physics, [seed], EVERYTHING), sessions_with_pushes(physics, [seed])
-        material = Material(f"robot {seed}", (*joints, *pushes), ())
-        verdict, _sections = verdict_of(material, np.random.default_rng(seed), lambda *_: None)
+        """Their verdict as plain values."""
+        begun = time.monotonic()
+        (recordings,) = simulated_recordings(robot(seed), [seed], EVERYTHING)
+        known, material = KnownTriFinger.seen_in(recordings), Material(f"robot {seed}", tuple(recordings), ())
+        verdict, _sections = joints.study(material, known, np.random.default_rng(seed), lambda *_: None)
+        kept = {key: verdict.document()[key] for key in ("verdict", "summary", "causes", "extended", "cannot_tell")}
+        return {"seed": seed, **kept, "seconds": time.monotonic() - begun}
+
+
+class _Study:
+    """What a worker does: the study of a robot's cube, told what was found of its joints."""
+
+    def __call__(self, of_joints: dict, _: None = None) -> dict:
+        """Both verdicts as one, with what the extended model has; a cause as a dictionary."""
+        begun, seed = time.monotonic(), of_joints["seed"]
+        causes, extended = (tuple(_cause(row) for row in of_joints[key]) for key in ("causes", "extended"))
+        kind = VerdictKind(of_joints["verdict"])
+        found = Verdict(kind, of_joints["summary"], causes, extended, cannot_tell=tuple(of_joints["cannot_tell"]))
+        (pushes,) = sessions_with_pushes(robot(seed), [seed])
+        known, material = KnownTriFinger.seen_in(pushes), Material(f"robot {seed}", tuple(pushes), ())
+        of_cube, _sections = cube.study(material, knowing(known, found), np.random.default_rng([seed, 1]), lambda *_: None)
+        verdict = joined((found, of_cube))
         return {
             "seed": seed,
             "verdict": verdict.verdict,
             "summary": verdict.summary,
             "causes": [asdict(cause) for cause in writable(verdict.extended or verdict.causes)],
             "cannot_tell": list(verdict.cannot_tell),
-            "seconds": time.monotonic() - begun,
+            "seconds": of_joints["seconds"] + time.monotonic() - begun,
         }
 
 

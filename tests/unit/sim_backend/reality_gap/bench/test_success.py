@@ -34,7 +34,8 @@ def test_what_is_missing_is_tried_and_what_is_there_is_kept(tmp_path, capsys):
     policy = graphs.linear(tmp_path / "policy.onnx", inputs=LAYOUTS[layout].observation_size)
     kept = [tried(model, seed, 0, 1, 0) for model, seed in ((NOMINAL, None), (MEASURED, 1), (EXTENDED, 1), (MEASURED, 2))]
     other = tried(NOMINAL, None, 0, 1, 1, 1)
-    (tmp_path / "studies.jsonl").write_text("".join(json.dumps(each) + "\n" for each in STUDIES))
+    for name in ("joints.jsonl", "studies.jsonl"):
+        (tmp_path / name).write_text("".join(json.dumps(each) + "\n" for each in STUDIES))
     (tmp_path / "tries.jsonl").write_text("".join(json.dumps(each) + "\n" for each in (*kept, other)) + '{"cut')
     call = ["--policy", str(policy), "--manifest", layout, "--task", "push", "--first-seed", "1", "--robots", "2", "--goals", "2"]
     assert main([*call, "--out", str(tmp_path), "--processes", "0"]) == 0
