@@ -1,7 +1,9 @@
 """Workers in processes of this machine; one that ends is replaced, and what it had is done again."""
 
 import multiprocessing
+import os
 import pickle
+import threading
 from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager, suppress
 from multiprocessing.connection import Connection, wait
@@ -132,9 +134,10 @@ class _Worker:
 
 
 def _serve(pipe: Connection, make: MakeWork) -> None:
-    """A worker's life: it ends when the other end of the pipe is closed, or whoever held it died."""
+    """A worker's life: it ends when the other end of the pipe is closed, and at once when whoever held it dies."""
     import signal
 
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for those who gave the work
     work, shared = make(), None
     with suppress(EOFError, OSError):
@@ -148,3 +151,11 @@ def _serve(pipe: Connection, make: MakeWork) -> None:
             except Exception as error:
                 answer = True, error
             pipe.send_bytes(pickle.dumps(answer, protocol=5))
+
+
+def _end_with_parent() -> None:
+    """What a worker has in hand may take minutes or hours, and nobody would look at it any more."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None, "a worker is somebody's child"
+    parent.join()
+    os._exit(1)

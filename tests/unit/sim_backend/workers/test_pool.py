@@ -3,13 +3,15 @@
 import functools
 import subprocess
 import sys
+import time
+from pathlib import Path
 
 import pytest
 
 from sim_backend.workers import pool
 from sim_backend.workers.cluster import connected, is_loopback
 from sim_backend.workers.pool import Places, WorkersError, open_workers
-from tests.unit.sim_backend.workers.works import BeginsEachThirdTime, EndsOnce, NeverBegins, Square
+from tests.unit.sim_backend.workers.works import BeginsEachThirdTime, Endless, EndsOnce, NeverBegins, Square
 
 
 @pytest.mark.parametrize("workers", [0, 1, 3])
@@ -63,6 +65,23 @@ def test_workers_without_an_item_that_end_before_they_begin_do_not_go_on_for_eve
         places.not_begun()
     with pytest.raises(WorkersError, match="5 workers in a row ended before they began"):
         places.not_begun()
+
+
+def test_a_worker_does_not_outlive_whoever_gave_it_work(tmp_path):
+    at = tmp_path / "pid"
+    code = f"from sim_backend.workers import pool; from {Endless.__module__} import Endless; pool.map(Endless, [{str(at)!r}], workers=1)"
+    with subprocess.Popen([sys.executable, "-c", code]) as giver:
+        _until(lambda: at.exists() and at.read_text())
+        assert (Path("/proc") / at.read_text()).exists()
+        giver.kill()
+    _until(lambda: not (Path("/proc") / at.read_text()).exists())
+
+
+def _until(holds, within_s=60.0):
+    end_s = time.monotonic() + within_s
+    while not holds():
+        assert time.monotonic() < end_s
+        time.sleep(0.05)
 
 
 def test_other_machines_are_reached_with_a_token_only(monkeypatch):

@@ -37,6 +37,15 @@ class EndsOnce:
         return item
 
 
+class Endless:
+    """Writes its process's number into the item's file, and never comes to an end."""
+
+    def __call__(self, item, shared=None):
+        Path(item).write_text(str(os.getpid()))
+        while True:
+            pass
+
+
 class NeverBegins:
     """Kills its own process while it is made."""
 
