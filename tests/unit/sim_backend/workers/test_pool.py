@@ -69,7 +69,8 @@ def test_workers_without_an_item_that_end_before_they_begin_do_not_go_on_for_eve
 
 def test_a_worker_does_not_outlive_whoever_gave_it_work(tmp_path):
     at = tmp_path / "pid"
-    code = f"from sim_backend.workers import pool; from {Endless.__module__} import Endless; pool.map(Endless, [{str(at)!r}], workers=1)"
+    imports = f"from sim_backend.workers import pool; from {Endless.__module__} import Endless"
+    code = f"{imports}; pool.map(Endless, [{str(at)!r}], workers=1)"
     with subprocess.Popen([sys.executable, "-c", code]) as giver:
         _until(lambda: at.exists() and at.read_text())
         assert (Path("/proc") / at.read_text()).exists()
