@@ -36,6 +36,7 @@ from sim_backend.reality_gap.subjects.joints.verdicts.equal_causes import (
 from sim_backend.reality_gap.subjects.joints.verdicts.filtered_loops import without_loops_of_filters
 from sim_backend.reality_gap.subjects.joints.verdicts.judged import not_judged
 from sim_backend.reality_gap.subjects.joints.verdicts.needed_causes import with_needed_causes
+from sim_backend.reality_gap.subjects.joints.verdicts.swings import perhaps_another_pace, perhaps_less_inertia
 from sim_backend.reality_gap.subjects.joints.verdicts.torques_and_rollouts import (
     in_both,
     of_smoothed,
@@ -176,7 +177,8 @@ def _with_torques(found: JointStudy, torques: Verdict, rollouts: Verdict) -> Ver
         return found.problem_start(f"{cause.effect}.{cause.parameter}", found.problem.names.index(cause.where))
 
     late_columns = of_smoothed(rollouts.causes, between.smoothed, nominal)
-    doubts = [*between.doubts, *late_columns, *sensors_of_two(found, torques.causes)]
+    swings = [*perhaps_less_inertia(found, rollouts.causes), *perhaps_another_pace(found, rollouts.causes)]
+    doubts = [*between.doubts, *late_columns, *sensors_of_two(found, torques.causes), *swings]
     unlike = [*between.unlike, *_unlike_laws(found)]
     both = with_unlike_torques(in_both(torques, rollouts, [*between.causes, *of_velocities], doubts), unlike)
     return replace(both, cannot_tell=(*both.cannot_tell, *between.open, *left_open))

@@ -43,11 +43,15 @@ class ToldEpisode:
 
 @dataclass(frozen=True)
 class TorqueRows:
-    """Of one joint, what counts of all episodes: torque given, torque needed, and what is set free, shapes (r,) and (r, 3)."""
+    """Of one joint, what counts of all episodes: torque given, torque needed, and what is set free, shapes (r,) and (r, 3).
+
+    ``rotor`` is what each unit of rotor inertia that the model lacks would need, shape (r,).
+    """
 
     given: np.ndarray
     needed: np.ndarray
     free: np.ndarray
+    rotor: np.ndarray
 
 
 def is_held_out(time_s: np.ndarray) -> np.ndarray:
@@ -89,12 +93,12 @@ def all_rows(
         counts = told.episode.valid_mechanics
         if held_out is not None:
             counts = counts & (is_held_out(path.time_s - path.time_s[0]) == held_out)[:, None]
-        parts.append((given, needed, velocity, counts))
+        parts.append((given, needed, velocity, path.acceleration * by * pace**2, counts))
     found = []
     for j in range(parts[0][0].shape[1]):
-        given, needed, velocity = (np.concatenate([part[i][part[3][:, j], j] for part in parts]) for i in range(3))
+        given, needed, velocity, rotor = (np.concatenate([part[i][part[4][:, j], j] for part in parts]) for i in range(4))
         free = np.stack([np.tanh(velocity / _BLURRED_RAD_S), velocity, np.ones_like(velocity)], axis=1)
-        found.append(TorqueRows(given, needed, free))
+        found.append(TorqueRows(given, needed, free, rotor))
     return found
 
 
@@ -112,6 +116,12 @@ def left_with_any_factor(rows: TorqueRows) -> tuple[float, float, float]:
     """What is left with the best factor of the torques, that factor, and what is left without any torque."""
     left, coefficients = rms_left(rows.needed, np.column_stack([rows.given, rows.free]))
     return left, float(coefficients[0]), rms_left(rows.needed, rows.free)[0]
+
+
+def left_with_rotor(rows: TorqueRows) -> tuple[float, float, float]:
+    """What is left with the best rotor inertia beside the model's, that inertia, and what is left without any motion."""
+    left, coefficients = rms_left(rows.given - rows.needed, np.column_stack([rows.rotor, rows.free]))
+    return left, float(coefficients[0]), rms_left(rows.given, rows.free)[0]
 
 
 def rms_left(values: np.ndarray, images: np.ndarray) -> tuple[float, np.ndarray]:

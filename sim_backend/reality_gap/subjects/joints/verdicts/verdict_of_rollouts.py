@@ -1,9 +1,10 @@
 """A verdict from rollouts alone: what was taken since with it a model goes where the robot went."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.reality_gap.subjects.joints.identification import JointStudy
 from sim_backend.reality_gap.subjects.joints.rollouts.explained import explained_beside, is_halved
 from sim_backend.reality_gap.subjects.joints.rollouts.limits import HealthyLimits
@@ -12,6 +13,7 @@ from sim_backend.reality_gap.subjects.joints.rollouts.rollout_questions import w
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_search import GATE
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_selection import RolloutSelection
 from sim_backend.reality_gap.subjects.joints.slides import told_distance
+from sim_backend.reality_gap.subjects.joints.verdicts.causes import index_of
 from sim_backend.reality_gap.subjects.joints.verdicts.recordings import Recordings
 from sim_backend.reality_gap.subjects.joints.verdicts.rollout_causes import causes_of, covering, extended_causes, products_of
 from sim_backend.reality_gap.subjects.joints.verdicts.rollout_effects import effects_judged
@@ -56,7 +58,7 @@ def verdict_of_rollouts(
     causes = [covering(cause, extended) for cause in causes]
     before, after = selection.nominal.usual_rad, selection.fit.usual_rad
     far_before, far_after = selection.nominal.far_rad, selection.fit.far_rad
-    kind, summary = VerdictKind.NAMED, f"The robot goes where a model goes that has {_listed(causes)}"
+    kind, summary = VerdictKind.NAMED, f"The robot goes where a model goes that has {_listed(causes, _in_model(study))}"
     halved, far_halved = is_halved(before, after), is_halved(far_before, far_after)
     far_rad = with_causes.far_for(selection.fit)
     is_slide = study.problem.episodes[0].plant.is_slide
@@ -190,10 +192,24 @@ def _gained(selection: RolloutSelection) -> HeldOut:
     )
 
 
-def _listed(causes: Sequence[Cause]) -> str:
-    """Each effect with its places."""
-    places: dict[str, list[str]] = {}
+def _in_model(study: JointStudy) -> Callable[[Cause], float]:
+    """How much the nominal model has of a cause whose number is an amount, such as friction; 0 of all others."""
+
+    def amount(cause: Cause) -> float:
+        key = f"{cause.effect}.{cause.parameter}"
+        is_amount = key in PARAMETERS and PARAMETERS[key].absent == 0.0 and PARAMETERS[key].lower >= 0.0
+        return study.problem_start(key, index_of(study.problem.names, key, cause.where)) if is_amount else 0.0
+
+    return amount
+
+
+def _listed(causes: Sequence[Cause], in_model: Callable[[Cause], float] = lambda _: 0.0) -> str:
+    """Each effect with its places; of what the model has some of, whether there is less of it or more."""
+    places, seen = dict[str, list[str]](), set[tuple[str, str]]()
     for cause in causes:
-        if cause.where not in places.setdefault(cause.effect, []):
-            places[cause.effect].append(cause.where)
-    return ", ".join(f"{effect.replace('_', ' ')} ({', '.join(where)})" for effect, where in places.items())
+        if (cause.effect, cause.where) not in seen:
+            seen.add((cause.effect, cause.where))
+            effect, had = cause.effect.replace("_", " "), in_model(cause)
+            effect = f"{'less' if cause.value < had else 'more'} {effect}" if had > 0.0 else effect
+            places.setdefault(effect, []).append(cause.where)
+    return ", ".join(f"{effect} ({', '.join(where)})" for effect, where in places.items())

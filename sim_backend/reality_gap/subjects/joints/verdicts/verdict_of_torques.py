@@ -309,7 +309,8 @@ def _rival_causes(look: Look, candidate: Candidate, study: JointStudy) -> list[C
 
 
 def _follows(found: Sequence[Pattern], names: tuple[str, ...]) -> list[str]:
-    return [f"{p.variable} of {names[p.joint]} ({p.channel} equation, {p.gain:.0f} nats)" for p in found]
+    """What is left follows these; what healthy sessions have, too, is nothing that it follows."""
+    return [f"{p.variable} of {names[p.joint]} ({p.channel} equation, {p.gain:.0f} nats)" for p in found if p.gain > PATTERN_NATS]
 
 
 def _record_next(study: JointStudy, kind: VerdictKind, closest: Rival | None) -> list[str]:

@@ -232,11 +232,16 @@ def _unjudged_sentences(study: JointStudy, unjudged: Sequence[str]) -> list[str]
     said = []
     for name in unjudged:
         j = study.problem.names.index(name)
+        if not any(e.has_torque[j] for e in study.problem.episodes):
+            continue  # whose torque nobody knows is said of it elsewhere
         pushes = [np.abs(e.pressing_nm[e.path.valid[:, j], j]) for e in study.problem.episodes]
         pressed = float(np.quantile(np.concatenate(pushes), 0.9)) if sum(map(len, pushes)) else 0.0
-        more = f"; its motor gave {pressed:.2g} N m that the model does not need" if pressed > _needless_nm(study, j) else ""
+        is_driven = any(np.nan_to_num(e.acting_nm[j]).any() for e in study.problem.episodes)
+        presses = is_driven and pressed > _needless_nm(study, j)
+        more = f"; its motor gave {pressed:.2g} N m that the model does not need" if presses else ""
         said.append(
-            f"anything about {name}: too few rows in which it moves, away from its ends, and everything was measured{more}"
+            f"anything about {name} by its torques: too few rows in which it moves, away from its ends, and everything was "
+            f"measured{more}"
         )
     return said
 

@@ -13,6 +13,7 @@ from sim_backend.reality_gap.subjects.joints.verdicts.readings import (
     errors_of,
     left_with_any_factor,
     left_with_factor,
+    left_with_rotor,
 )
 from sim_backend.reality_gap.subjects.joints.verdicts.wording import listed
 
@@ -90,7 +91,12 @@ def with_torques(
             turned.append(j)
         elif not joints and free <= FALLS_TO * min(after[j], without) and _is_implausible(factor):
             after[j], factors[j] = free, factor
-            (scaled if free <= _UNIT_LEAVES * without else foreign)[j] = factor
+            if free > _UNIT_LEAVES * without:
+                foreign[j] = factor
+            elif _is_implausible(-factor):
+                scaled[j] = factor
+            else:
+                turned.append(j)
     touched, these = tuple(sorted({*joints, *turned, *scaled, *foreign})), [names[j] for j in turned]
     parts, checks = [said] if said else [], [check] if check else []
     if turned and set(turned) == set(joints) and "other way" in said:
@@ -99,14 +105,33 @@ def with_torques(
         parts.append(f"the torques of {listed(these)} have the opposite sign")
         checks.append(f"torque_sign of {listed(these)}")
     if scaled:
-        parts.append(_of_units(scaled, names))
-        checks.append(f"torque_unit of {listed([names[j] for j in scaled])}")
+        said_so, check_so = _of_units_or_rotors(scaled, rows, names)
+        parts.append(said_so)
+        checks.append(check_so)
     if foreign:
         who = listed([names[j] for j in foreign])
         parts.append(f"the torques of {who} are mostly not the joint's own")
         checks.append(f"what the torques of {who} hold")
     if parts:
         yield Misreading(" and ".join(parts), " and ".join(checks), touched, after, Reading(by, factors))
+
+
+def _of_units_or_rotors(factors: dict[int, float], rows: Sequence[TorqueRows], names: Sequence[str]) -> tuple[str, str]:
+    """What is said of torques in other units, and what to check: without gravity more rotor inertia may do as well."""
+    who, light = listed([names[j] for j in factors]), [names[j] for j in factors if _may_lack_inertia(rows[j], factors[j])]
+    said, check = _of_units(factors, names), f"torque_unit of {who}"
+    if min(factors.values()) < 0.0:
+        check = f"torque_unit and torque_sign of {who}"
+    if not light:
+        return said, check
+    at = listed(light)
+    return f"{said}, or the model lacks rotor inertia at {at}", f"the armature of {at} in the model and {check}"
+
+
+def _may_lack_inertia(rows: TorqueRows, factor: float) -> bool:
+    """Whether rotor inertia that the model lacks leaves about as small a share of the motion's torque as another unit does."""
+    (free, _, needed), (left, inertia, given) = left_with_any_factor(rows), left_with_rotor(rows)
+    return 0.0 < factor < 1.0 and inertia > 0.0 and left * needed <= free * given / FALLS_TO
 
 
 def _of_units(factors: dict[int, float], names: Sequence[str]) -> str:
@@ -158,7 +183,7 @@ def other_paces(data: Sequence[ToldEpisode], told: Sequence[TorqueRows]) -> Iter
         return weights[0] * slow[j].needed + weights[1] * told[j].needed + weights[2] * fast[j].needed
 
     def errors(pace: float) -> np.ndarray:
-        return errors_of([TorqueRows(rows.given, needed(j, pace), rows.free) for j, rows in enumerate(told)])
+        return errors_of([TorqueRows(rows.given, needed(j, pace), rows.free, rows.rotor) for j, rows in enumerate(told)])
 
     by_pace = [errors(pace) for pace in _PACES]
     best = int(np.argmin([float(np.nansum(np.log(error))) for error in by_pace]))

@@ -11,8 +11,9 @@ from sim_backend.reality_gap.knowledge.joint_effects import TORQUE_CONSTANT
 from sim_backend.reality_gap.knowledge.known_of_robot import UnknownRobot
 from sim_backend.reality_gap.subjects.joints.identification import study_joints
 from sim_backend.reality_gap.subjects.joints.laws.state import JointState
+from sim_backend.reality_gap.subjects.joints.verdicts.readings import TorqueRows
 from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_torques import judge
-from sim_backend.reality_gap.subjects.joints.verdicts.ways_to_misread import PLAUSIBLE_FACTOR
+from sim_backend.reality_gap.subjects.joints.verdicts.ways_to_misread import PLAUSIBLE_FACTOR, with_torques
 from sim_backend.reality_gap.verdict import VerdictKind
 from tests.unit.sim_backend.reality_gap.subjects.joints.inverse_arm import (
     arm,
@@ -30,6 +31,7 @@ ELBOW = np.array([1.0, -1.0])
 SHOULDER_S_TOO = np.array([[1.0, 10.0], [0.0, 1.0]])
 MISREAD: dict[str, tuple[Callable[[np.ndarray, np.ndarray], Told], str]] = {
     "torque turned": (lambda q, t: (q, -t), "the torques of shoulder and elbow have the opposite sign"),
+    "torque turned, and a tenth less": (lambda q, t: (q, -0.9 * t), "the torques of shoulder and elbow have the opposite sign"),
     "one torque turned": (lambda q, t: (q, t * ELBOW), "the torques of elbow have the opposite sign"),
     "one position turned": (lambda q, t: (q * ELBOW, t), "the positions of elbow count the other way round"),
     "one joint turned": (lambda q, t: (q * ELBOW, t * ELBOW), "elbow counts the other way round, position and torque"),
@@ -57,6 +59,41 @@ def test_what_was_misread_is_said_and_no_cause_is_named(name):
     assert said in verdict.follows[0].split(", or ")
     assert said in verdict.summary
     assert verdict.record_next[0].startswith("nothing yet: check ")
+    assert "torque_sign" in verdict.record_next[0] or "opposite sign" not in said
+
+
+@pytest.mark.parametrize(
+    ("gravity_nm", "factor", "said", "check"),
+    [
+        (
+            0.0,
+            1.0,
+            "the torques of wheel are 5 times smaller, or the model lacks rotor inertia at wheel",
+            "the armature of wheel in the model and torque_unit of wheel",
+        ),
+        (0.5, 1.0, "the torques of wheel are 5 times smaller", "torque_unit of wheel"),
+        (
+            0.0,
+            -1.0,
+            "the torques of wheel are 5 times smaller and have the opposite sign",
+            "torque_unit and torque_sign of wheel",
+        ),
+        (0.5, -0.2, "the torques of wheel have the opposite sign", "torque_sign of wheel"),
+    ],
+    ids=["no gravity", "gravity", "turned, too", "turned alone"],
+)
+def test_without_gravity_rotor_inertia_that_the_model_lacks_is_said_beside_another_unit(gravity_nm, factor, said, check):
+    time_s = np.arange(0.0, 8.0, 0.01)
+    position = np.sin(7.0 * time_s) + 0.4 * np.sin(11.0 * time_s + 1.0)
+    velocity = np.gradient(position, time_s)
+    acceleration = np.gradient(velocity, time_s)
+    free = np.stack([np.tanh(velocity / 0.02), velocity, np.ones_like(velocity)], axis=1)
+    needed = 0.01 * acceleration + gravity_nm * np.sin(position)
+    noise = 0.01 * np.random.default_rng(1).standard_normal(len(needed))
+    rows = TorqueRows(factor * (5.0 * needed + 0.3 * free[:, 0]) + noise, needed, free, acceleration)
+    (misreading,) = with_torques([rows], ["wheel"], "", "", (), np.ones(1))
+    found = re.sub(r"[45]\.\d+ times", "5 times", misreading.said)
+    assert (found, misreading.check) == (said, check)
 
 
 def test_torques_of_motors_are_said_where_the_model_has_the_friction_of_its_gears():

@@ -5,7 +5,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_rollouts import _few_windows, _with_and_without
+from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_rollouts import (
+    _few_windows,
+    _in_model,
+    _listed,
+    _with_and_without,
+)
+from sim_backend.reality_gap.verdict import Cause
 from tests.unit.sim_backend.reality_gap.subjects.joints.ends_of_windows import fit_of
 
 NAMES, IS_SLIDE = ("cart", "pole"), np.array([True, False])
@@ -39,3 +45,20 @@ def test_the_joint_that_shows_the_causes_best_is_told_in_its_own_unit(which, mor
     shown = np.array([False, True])
     said = _with_and_without(selection, NAMES, IS_SLIDE, shown, usual=not more)  # pyrefly: ignore[bad-argument-type]
     assert said == f"{which} of 0.5 s ends up 1 mrad{more} off at pole, 4 mrad without that"
+
+
+@pytest.mark.parametrize(
+    ("in_model", "said"),
+    [
+        ({}, "viscous friction (cart, pole), torque constant (cart)"),
+        ({0: 0.05}, "less viscous friction (cart), viscous friction (pole), torque constant (cart)"),
+        ({0: 0.01, 1: 0.01}, "more viscous friction (cart, pole), torque constant (cart)"),
+    ],
+    ids=["none", "more than there is", "less than there is"],
+)
+def test_of_what_the_model_has_it_is_said_whether_there_is_less_or_more(in_model, said):
+    """Values are totals: 0.02 N m s/rad named in a model that has 0.05 is less friction, and nothing to add."""
+    told = [("viscous_friction", "damping_nm_s_rad", name, 0.02) for name in NAMES] + [("torque_constant", "error", "cart", -0.2)]
+    causes = [Cause(effect, number, where, value, "", (value, value)) for effect, number, where, value in told]
+    study = SimpleNamespace(problem=SimpleNamespace(names=NAMES), problem_start=lambda _, index: in_model.get(index, 0.0))
+    assert _listed(causes, _in_model(study)) == said  # pyrefly: ignore[bad-argument-type]

@@ -4,12 +4,14 @@ import mujoco
 import numpy as np
 import pytest
 
+from sim_backend.reality_gap.knowledge.joint_effects import Channel
 from sim_backend.reality_gap.knowledge.known_of_robot import UnknownRobot
 from sim_backend.reality_gap.recording import JointSignals, Recording
 from sim_backend.reality_gap.subjects.joints.identification import study_joints
 from sim_backend.reality_gap.subjects.joints.slides import Slides
+from sim_backend.reality_gap.subjects.joints.torques.residual_patterns import Pattern
 from sim_backend.reality_gap.subjects.joints.verdicts.untold import untold
-from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_torques import judge
+from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_torques import _follows, judge
 from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_unknown_robot import Agreement, reconsidered
 from sim_backend.reality_gap.verdict import Verdict, VerdictKind, names_of
 from tests.unit.sim_backend.reality_gap.subjects.joints.inverse_arm import (
@@ -51,6 +53,26 @@ def test_friction_is_named_and_a_healthy_arm_has_nothing_wrong():
     healthy = verdict_of([recorded(3), recorded(4)])
     assert healthy.verdict is VerdictKind.NOTHING_WRONG
     assert not [sentence for sentence in healthy.cannot_tell if "elbow" in sentence]
+
+
+@pytest.mark.parametrize("driven", [True, False], ids=["motors", "nothing drives it"])
+def test_of_a_joint_with_too_few_rows_a_motor_is_said_to_press_only_if_it_has_one(driven):
+    position = motion(1, seconds=1.6)
+    torque = torques_nm(position)[0] + 0.5 if driven else np.zeros_like(position)
+    joints = JointSignals(("shoulder", "elbow"), position, measured_torque_nm=torque)
+    short = Recording("run", "arm.csv", STEP_S, STEP_S * np.arange(len(position)), joints)
+    verdict = judge(study_joints(arm(), [short], lambda *_: None, robot=UnknownRobot())).verdict
+    assert verdict.verdict is VerdictKind.NOT_IDENTIFIABLE
+    said = [sentence for sentence in verdict.cannot_tell if "too few rows" in sentence]
+    assert len(said) == 2 and all(" by its torques: " in sentence for sentence in said)
+    assert all(("its motor gave" in sentence) is driven for sentence in said)
+
+
+def test_what_little_is_left_is_not_said_to_follow_anything():
+    found = [Pattern(Channel.MECHANICS, 0, "velocity", 29.4), Pattern(Channel.MECHANICS, 0, "heat", 0.3)]
+    assert _follows([*found, Pattern(Channel.MECHANICS, 0, "time", -1.0)], ("wheel",)) == [
+        "velocity of wheel (mechanics equation, 29 nats)"
+    ]
 
 
 def test_one_long_recording_is_judged_as_short_ones_are():
