@@ -239,6 +239,6 @@ def joints_of(recordings: Sequence[Recording]) -> tuple[str, ...]:
         if joints is not None and joints.commanded_torque_nm is None and joints.measured_torque_nm is None:
             raise RecordingError(
                 f"{recording.source}: episode {recording.name} has no torque; give commanded or measured torques, "
-                "or position targets and the controller that follows them"
+                "position targets and the controller that follows them, or passive = true of joints that nothing drives"
             )
     return found.pop()

@@ -19,6 +19,7 @@ from sim_backend.reality_gap.subjects.joints.torques.look import Accepted
 from sim_backend.reality_gap.subjects.joints.torques.residual_patterns import shares
 from sim_backend.reality_gap.subjects.joints.verdicts.misreadings import misreading
 from sim_backend.reality_gap.subjects.joints.verdicts.near_ends import mostly_at_ends, sentences_on_ends
+from sim_backend.reality_gap.subjects.joints.verdicts.readings import without_sign
 from sim_backend.reality_gap.subjects.joints.verdicts.wording import listed
 from sim_backend.reality_gap.verdict import Cause, Doubt, Verdict, VerdictKind
 
@@ -130,6 +131,8 @@ def _of_rows(study: JointStudy) -> list[str]:
         if joints.torn_s:
             when = ", ".join(f"{at_s:.3f}" for at_s in joints.torn_s)
             said.append(f"what happened in {name} at {when} s: joints jump there at once, as where rows are missing")
+    for j in without_sign(episodes, study.start):
+        said.append(f"anything by torques of {names[j]}: they never change their sign, though the motion needs them both ways")
     for joint, share in episodes[0].path.joints.unlike_law.items():
         said.append(
             f"whether the controller of {joint} is as stated: what it would send is {share:.0%} off the recorded torque, which "
@@ -154,14 +157,8 @@ def reconsidered(study: JointStudy, verdict: Verdict) -> Verdict:
     if not agreement.is_judged.any():
         rows = "enough rows in which it moves, away from the ends of its range, and everything was measured"
         return _not_identifiable(study, verdict, f"These data cannot tell anything: of no joint are there {rows}.")
-    if agreement.was_far.any() and (said := _misread(study, agreement, verdict.causes)) is not None:
-        return replace(
-            _unexplained(verdict, f"The model agrees far better with the data if {said[0]}."),
-            causes=(),  # whatever was fitted took over a part of it
-            misreads=said[0],
-            follows=(said[0], *verdict.follows),
-            record_next=(f"nothing yet: check {said[1]} in study.toml and in whatever wrote the data",),
-        )
+    if agreement.was_far.any() and (misread := _misread(study, agreement, verdict)) is not None:
+        return misread
     if (why := _objection(study, agreement, verdict.causes)) is not None:
         followed = tuple(f"{variable} of {names[j]} ({share:.0%} of it)" for j, variable, share in _laws(study, agreement))
         return replace(_unexplained(verdict, why), follows=(*followed, *verdict.follows))
@@ -212,11 +209,27 @@ def _laws(study: JointStudy, agreement: Agreement) -> list[tuple[int, str, float
     return sorted(found, key=lambda law: -law[2])
 
 
-def _misread(study: JointStudy, agreement: Agreement, causes: Sequence[Cause]) -> tuple[str, str] | None:
-    """What would have to be misread for the model to agree, and what to check."""
-    left = agreement.after if causes else np.full(len(agreement.after), np.inf)
-    found = misreading(study.problem.episodes, study.start, study.problem.names, left)
-    return None if found is None else (found.said, found.check)
+def _misread(study: JointStudy, agreement: Agreement, verdict: Verdict) -> Verdict | None:
+    """What is said where the data are not as they are told: whatever was fitted took over a part of that. None if they are."""
+    names = study.problem.names
+    if unsigned := [names[j] for j in without_sign(study.problem.episodes, study.start) if agreement.was_far[j]]:
+        who = listed(unsigned)
+        why = f"The torques of {who} never change their sign, though the model needs them both ways for this motion."
+        said, follows, check = f"the torques of {who} are sizes without a sign", (), f"what the torques of {who} hold"
+    else:
+        left = agreement.after if verdict.causes else np.full(len(agreement.after), np.inf)
+        found = misreading(study.problem.episodes, study.start, names, left)
+        if found is None:
+            return None
+        said, follows, check = found.said, (found.said,), f"{found.check} in study.toml and in whatever wrote the data"
+        why = f"The model agrees far better with the data if {said}."
+    return replace(
+        _unexplained(verdict, why),
+        causes=(),
+        misreads=said,
+        follows=(*follows, *verdict.follows),
+        record_next=(f"nothing yet: check {check}",),
+    )
 
 
 def _worst(agreement: Agreement, error_nm: np.ndarray, study: JointStudy) -> str:

@@ -9,6 +9,7 @@ import pytest
 
 from sim_backend.reality_gap.knowledge.joint_effects import TORQUE_CONSTANT
 from sim_backend.reality_gap.knowledge.known_of_robot import UnknownRobot
+from sim_backend.reality_gap.recording import Recording
 from sim_backend.reality_gap.subjects.joints.identification import study_joints
 from sim_backend.reality_gap.subjects.joints.laws.state import JointState
 from sim_backend.reality_gap.subjects.joints.verdicts.readings import TorqueRows
@@ -112,6 +113,24 @@ def test_torques_of_motors_are_said_where_the_model_has_the_friction_of_its_gear
     )
     assert said is not None, verdict.misreads
     assert [float(each) for each in said.groups()] == pytest.approx(gears, rel=0.03)
+
+
+@pytest.mark.parametrize(("bent_rad", "is_said"), [(0.0, True), (1.2, False)], ids=["both ways", "a load that is held"])
+def test_torques_that_lost_their_sign_are_said_and_those_that_need_none_are_not(bent_rad, is_said):
+    recordings = [recorded(seed, FRICTION_NM, sizes=(0.8, 0.3), offsets=(0.0, bent_rad)) for seed in (1, 2)]
+    verdict = verdict_of([_without_sign_of_elbow(recording) for recording in recordings])
+    assert (verdict.misreads == "the torques of elbow are sizes without a sign") is is_said
+    assert any("never change their sign" in said for said in verdict.cannot_tell) is is_said
+    assert (verdict.verdict is VerdictKind.UNEXPLAINED and verdict.causes == ()) is is_said
+
+
+def _without_sign_of_elbow(recording: Recording) -> Recording:
+    """As a driver gives it that reports how large a current is."""
+    joints = recording.joints
+    assert joints is not None and joints.measured_torque_nm is not None
+    torques = joints.measured_torque_nm
+    told = np.column_stack([torques[:, 0], np.abs(torques[:, 1])])
+    return replace(recording, joints=replace(joints, measured_torque_nm=told))
 
 
 @pytest.mark.parametrize(("told_s", "is_said"), [(1.06, True), (0.9, True), (1.01, False)])
