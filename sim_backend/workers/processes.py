@@ -154,7 +154,7 @@ def _serve(pipe: Connection, make: MakeWork) -> None:
 
 
 def _end_with_parent() -> None:
-    """What a worker has in hand may take minutes or hours, and nobody would look at it any more."""
+    """Ends this process, whatever it does, when its parent has ended: nobody would look at what it has in hand."""
     parent = multiprocessing.parent_process()
     assert parent is not None, "a worker is somebody's child"
     parent.join()

@@ -93,12 +93,14 @@ def _run(options: argparse.Namespace) -> dict[str, Any]:
         path = options.out / f"{what}.jsonl"
         there = {line["seed"] for line in whole_lines(path)}
         todo = [item for seed, item in items.items() if seed not in there]
-        with open_workers(work, *at) as workers:
-            _keep(path, workers.map(todo), (len(items) - len(todo), len(items)), f"{what} are done")
+        if todo:
+            with open_workers(work, *at) as workers:
+                _keep(path, workers.map(todo), (len(items) - len(todo), len(items)), f"{what} are done")
         return {line["seed"]: line for line in whole_lines(path) if line["seed"] in items}
 
-    of_joints = studied("joints", _Joints, {seed: seed for seed in seeds})
-    studies = studied("studies", _Study, of_joints)
+    done = {line["seed"]: line for line in whole_lines(options.out / "studies.jsonl")}
+    of_joints = studied("joints", _Joints, {seed: seed for seed in seeds if seed not in done})
+    studies = studied("studies", _Study, {seed: of_joints.get(seed) for seed in seeds})
     parts = [range(first, min(first + TOGETHER, options.goals)) for first in range(0, options.goals, TOGETHER)]
     tries: list[Asked] = [(NOMINAL, None, part) for part in parts]
     tries += [(model, seed, part) for seed in seeds for model in (MEASURED, EXTENDED) for part in parts]
@@ -135,8 +137,7 @@ class _Joints:
         (recordings,) = simulated_recordings(robot(seed), [seed], EVERYTHING)
         known, material = KnownTriFinger.seen_in(recordings), Material(f"robot {seed}", tuple(recordings), ())
         verdict, _sections = joints.study(material, known, np.random.default_rng(seed), lambda *_: None)
-        kept = {key: verdict.document()[key] for key in ("verdict", "summary", "causes", "extended", "cannot_tell")}
-        return {"seed": seed, **kept, "seconds": time.monotonic() - begun}
+        return {"seed": seed, **line_of(verdict), "seconds": time.monotonic() - begun}
 
 
 class _Study:
@@ -145,9 +146,7 @@ class _Study:
     def __call__(self, of_joints: dict, _: None = None) -> dict:
         """Both verdicts as one, with what the extended model has; a cause as a dictionary."""
         begun, seed = time.monotonic(), of_joints["seed"]
-        causes, extended = (tuple(_cause(row) for row in of_joints[key]) for key in ("causes", "extended"))
-        kind = VerdictKind(of_joints["verdict"])
-        found = Verdict(kind, of_joints["summary"], causes, extended, cannot_tell=tuple(of_joints["cannot_tell"]))
+        found = verdict_in(of_joints)
         (pushes,) = sessions_with_pushes(robot(seed), [seed])
         known, material = KnownTriFinger.seen_in(pushes), Material(f"robot {seed}", tuple(pushes), ())
         of_cube, _sections = cube.study(material, knowing(known, found), np.random.default_rng([seed, 1]), lambda *_: None)
@@ -160,6 +159,18 @@ class _Study:
             "cannot_tell": list(verdict.cannot_tell),
             "seconds": of_joints["seconds"] + time.monotonic() - begun,
         }
+
+
+def line_of(verdict: Verdict) -> dict:
+    """What a line of ``joints.jsonl`` has of a verdict: all that the study of the cube and the extended model ask for."""
+    document = verdict.document()
+    return {key: document[key] for key in ("verdict", "summary", "causes", "extended", "cannot_tell")}
+
+
+def verdict_in(line: dict) -> Verdict:
+    """The verdict that a line has."""
+    causes, extended = (tuple(_cause(row) for row in line[key]) for key in ("causes", "extended"))
+    return Verdict(VerdictKind(line["verdict"]), line["summary"], causes, extended, cannot_tell=tuple(line["cannot_tell"]))
 
 
 class _Try:

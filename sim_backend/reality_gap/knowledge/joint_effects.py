@@ -199,6 +199,8 @@ COGGING_CYCLES = "cogging.cycles_per_rad"
 """How often a motor cogs: of an unknown one it is seen, not fitted."""
 MOTOR_LOSS, MOTOR_RISE, MOTOR_WARMS_S = (f"thermal_derating.{name}" for name in ("loss_per_k", "rise_k_nm2", "time_constant_s"))
 """What a warm motor loses, how warm its torque makes it, and within what time."""
+JOINT_STIFFNESS, GRAVITY_OFFSET = "joint_stiffness.stiffness_nm_rad", "gravity.offset_m_s2"
+"""What draws a joint back; one swing does not tell from how much has to be moved, and how quick a clock is."""
 TORQUE_CONSTANT = "torque_constant.error"
 """Of motors: what they make of a current, and of their speed where they are driven by voltage."""
 POSITION_GAIN = "position_gain.factor"

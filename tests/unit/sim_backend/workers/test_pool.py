@@ -1,9 +1,12 @@
 """The seam: the same results in this process, in processes of this machine and on Ray, also when workers are lost."""
 
 import functools
+import os
+import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -71,11 +74,17 @@ def test_a_worker_does_not_outlive_whoever_gave_it_work(tmp_path):
     at = tmp_path / "pid"
     imports = f"from sim_backend.workers import pool; from {Endless.__module__} import Endless"
     code = f"{imports}; pool.map(Endless, [{str(at)!r}], workers=1)"
-    with subprocess.Popen([sys.executable, "-c", code]) as giver:
+    giver = subprocess.Popen([sys.executable, "-c", code])
+    try:
         _until(lambda: at.exists() and at.read_text())
-        assert (Path("/proc") / at.read_text()).exists()
+        assert _works(int(at.read_text()))
         giver.kill()
-    _until(lambda: not (Path("/proc") / at.read_text()).exists())
+        _until(lambda: not _works(int(at.read_text())))
+    finally:
+        giver.kill()
+        giver.wait()
+        with suppress(OSError, ValueError):
+            os.kill(int(at.read_text()), signal.SIGKILL)
 
 
 def _until(holds, within_s=60.0):
@@ -83,6 +92,14 @@ def _until(holds, within_s=60.0):
     while not holds():
         assert time.monotonic() < end_s
         time.sleep(0.05)
+
+
+def _works(pid):
+    """Whether a process is there that has not ended; nobody may have asked how it did."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
 
 
 def test_other_machines_are_reached_with_a_token_only(monkeypatch):

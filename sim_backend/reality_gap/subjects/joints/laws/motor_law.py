@@ -279,7 +279,7 @@ class JointMotion:
         """Of the velocity (:func:`direction_of`), shape (s,)."""
         self._none = np.zeros(self.position.shape)
         self._known: list[dict[bytes, np.ndarray]] = [{} for _ in _FORMS]
-        """The last two of each form: most questions leave it as it is."""
+        """Of each form the two that were asked for last, the latest at the end: most questions leave it as it is."""
 
     def shapes(self, values: np.ndarray) -> list[np.ndarray]:
         """What cogging, friction near standstill and what differs between directions come to for each N m, each (s,)."""
@@ -290,13 +290,16 @@ class JointMotion:
 
     def _of(self, which: int, form: bytes, values: np.ndarray) -> np.ndarray:
         known = self._known[which]
-        if form not in known:
-            found = np.empty(self.position.shape)
-            _compiled_shape()(np.ascontiguousarray(values)[None], self.position, self.velocity, which, found)
+        found = known.pop(form, None)
+        if found is None:
+            alone, found = absent_values(), np.empty(self.position.shape)
+            size, shape = _FORMS[which]
+            alone[[size, *shape]] = values[[size, *shape]]
+            _compiled_shape()(alone[None], self.position, self.velocity, which, found)
             if len(known) == _FORMS_KEPT:
                 del known[next(iter(known))]
-            known[form] = found
-        return known[form]
+        known[form] = found
+        return found
 
 
 def along(

@@ -86,6 +86,11 @@ class Plant:
         return len(self.names)
 
     @property
+    def is_sprung(self) -> bool:
+        """Whether the model has a spring at any joint."""
+        return bool(self._model.jnt_stiffness[self._joint_ids].any())
+
+    @property
     def largest_inertia_kg_m2(self) -> float:
         """Of any joint, where the model has them at first."""
         return float(self._model.dof_M0[self._v].max())

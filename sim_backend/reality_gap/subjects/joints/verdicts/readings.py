@@ -13,9 +13,6 @@ FEWEST_ROWS = 100
 """Of which a joint's torques are judged."""
 _BLURRED_RAD_S, _STRETCH_S = 0.02, 1.2
 
-_TENTH, _CLEARLY = 0.1, 0.3
-"""So much of the time a motion needs torques each way, and of its usual torque so much."""
-
 
 @dataclass(frozen=True)
 class Reading:
@@ -100,21 +97,13 @@ def all_rows(
     found = []
     for j in range(parts[0][0].shape[1]):
         given, needed, velocity, rotor = (np.concatenate([part[i][part[4][:, j], j] for part in parts]) for i in range(4))
-        free = np.stack([np.tanh(velocity / _BLURRED_RAD_S), velocity, np.ones_like(velocity)], axis=1)
-        found.append(TorqueRows(given, needed, free, rotor))
+        found.append(TorqueRows(given, needed, free_columns(velocity), rotor))
     return found
 
 
-def without_sign(episodes: Sequence[EpisodeEquations], start: JointState) -> list[int]:
-    """Joints whose torques are all of one sign although the motion of the nominal model needs them both ways."""
-    found = []
-    for j, rows in enumerate(all_rows([told_by(episode, start) for episode in episodes])):
-        given = np.concatenate([episode.acting_nm[j] for episode in episodes])
-        if given.any() and ((given >= 0.0).all() or (given <= 0.0).all()) and len(rows.needed) >= FEWEST_ROWS:
-            low, high = np.quantile(rows.needed, (_TENTH, 1.0 - _TENTH)) / np.sqrt(np.mean(rows.needed**2))
-            if low < -_CLEARLY and high > _CLEARLY:
-                found.append(j)
-    return found
+def free_columns(velocity: np.ndarray) -> np.ndarray:
+    """What is set free beside any reading, for a motion of shape (r,): dry friction, damping and a constant; shape (r, 3)."""
+    return np.stack([np.tanh(velocity / _BLURRED_RAD_S), velocity, np.ones_like(velocity)], axis=1)
 
 
 def errors_of(rows: Sequence[TorqueRows]) -> np.ndarray:

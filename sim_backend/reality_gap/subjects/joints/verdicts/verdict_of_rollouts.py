@@ -80,7 +80,7 @@ def verdict_of_rollouts(
         kind, summary = VerdictKind.UNEXPLAINED, f"The model does not go where the robot went: {said}, and no cause explains it."
     elif not explains:
         explain = "explain" if len(selection.taken) > 1 else "explains"
-        kind, summary = VerdictKind.UNEXPLAINED, f"{_listed(causes)} {explain} a part of it; then {said}."
+        kind, summary = VerdictKind.UNEXPLAINED, f"{_listed(causes, _in_model(study))} {explain} a part of it; then {said}."
     elif near:
         kind, summary = VerdictKind.CONFUSABLE, "Some cause explains where the robot went, but these data cannot tell which."
         causes += [cause for _, _, other, fit in near for cause in causes_of(study, fit, other)]
@@ -203,7 +203,7 @@ def _in_model(study: JointStudy) -> Callable[[Cause], float]:
     return amount
 
 
-def _listed(causes: Sequence[Cause], in_model: Callable[[Cause], float] = lambda _: 0.0) -> str:
+def _listed(causes: Sequence[Cause], in_model: Callable[[Cause], float]) -> str:
     """Each effect with its places; of what the model has some of, whether there is less of it or more."""
     places, seen = dict[str, list[str]](), set[tuple[str, str]]()
     for cause in causes:

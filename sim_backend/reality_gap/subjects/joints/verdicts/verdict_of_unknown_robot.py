@@ -19,7 +19,8 @@ from sim_backend.reality_gap.subjects.joints.torques.look import Accepted
 from sim_backend.reality_gap.subjects.joints.torques.residual_patterns import shares
 from sim_backend.reality_gap.subjects.joints.verdicts.misreadings import misreading
 from sim_backend.reality_gap.subjects.joints.verdicts.near_ends import mostly_at_ends, sentences_on_ends
-from sim_backend.reality_gap.subjects.joints.verdicts.readings import without_sign
+from sim_backend.reality_gap.subjects.joints.verdicts.readings import all_rows, told_by
+from sim_backend.reality_gap.subjects.joints.verdicts.ways_to_misread import without_sign
 from sim_backend.reality_gap.subjects.joints.verdicts.wording import listed
 from sim_backend.reality_gap.verdict import Cause, Doubt, Verdict, VerdictKind
 
@@ -131,8 +132,6 @@ def _of_rows(study: JointStudy) -> list[str]:
         if joints.torn_s:
             when = ", ".join(f"{at_s:.3f}" for at_s in joints.torn_s)
             said.append(f"what happened in {name} at {when} s: joints jump there at once, as where rows are missing")
-    for j in without_sign(episodes, study.start):
-        said.append(f"anything by torques of {names[j]}: they never change their sign, though the motion needs them both ways")
     for joint, share in episodes[0].path.joints.unlike_law.items():
         said.append(
             f"whether the controller of {joint} is as stated: what it would send is {share:.0%} off the recorded torque, which "
@@ -212,9 +211,10 @@ def _laws(study: JointStudy, agreement: Agreement) -> list[tuple[int, str, float
 def _misread(study: JointStudy, agreement: Agreement, verdict: Verdict) -> Verdict | None:
     """What is said where the data are not as they are told: whatever was fitted took over a part of that. None if they are."""
     names = study.problem.names
-    if unsigned := [names[j] for j in without_sign(study.problem.episodes, study.start) if agreement.was_far[j]]:
+    rows = all_rows([told_by(episode, study.start) for episode in study.problem.episodes])
+    if unsigned := [names[j] for j in without_sign(rows) if agreement.was_far[j]]:
         who = listed(unsigned)
-        why = f"The torques of {who} never change their sign, though the model needs them both ways for this motion."
+        why = f"The torques of {who} never change their sign; with the signs that the motion asks for the model agrees far better."
         said, follows, check = f"the torques of {who} are sizes without a sign", (), f"what the torques of {who} hold"
     else:
         left = agreement.after if verdict.causes else np.full(len(agreement.after), np.inf)

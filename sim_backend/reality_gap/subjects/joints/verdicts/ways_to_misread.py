@@ -1,11 +1,12 @@
 """Ways in which recordings may be misread: signs, units and clocks of joints, tried one by one."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from sim_backend.reality_gap.subjects.joints.verdicts.readings import (
+    FEWEST_ROWS,
     Reading,
     ToldEpisode,
     TorqueRows,
@@ -19,6 +20,8 @@ from sim_backend.reality_gap.subjects.joints.verdicts.wording import listed
 
 FALLS_TO = 0.7
 """A reading must leave no more of a joint's error than this: less than half of its variance. Right ones leave next to nothing."""
+_NONE, _STRAY = 0.1, 0.01
+"""A share of a joint's usual torque that is about none, and so many rows may be astray."""
 _LATEST_S, _CLOCK_STEP_S = 0.1, 0.002
 _PACES, _LEAST_PACE = np.linspace(0.8, 1.25, 91), 0.02
 """Of clocks, relative to the told one, and by how much one is off that no tolerated mass or inertia stands for."""
@@ -69,6 +72,25 @@ def other_positions(data: Sequence[ToldEpisode], names: Sequence[str]) -> Iterat
             by[list(joints)] = factor
             check = f"the sign of {who}" if factor < 0.0 else f"position_unit of {who}"
             yield from with_torques(all_rows(data, by), names, f"the positions of {who} {said}", check, joints, by)
+
+
+def without_sign(rows: Sequence[TorqueRows]) -> list[int]:
+    """Joints whose torques are all of one sign, and with that which the motion of the nominal model needs leave far less.
+
+    Friction, a load or gravity that the model lacks keep torques on one side, too, which no other sign mends.
+    """
+    found = []
+    for j, of_joint in enumerate(rows):
+        given = of_joint.given
+        if len(given) < FEWEST_ROWS:
+            continue
+        least = _NONE * float(np.sqrt(np.mean(given**2)))
+        if least == 0.0 or min((given > least).mean(), (given < -least).mean()) > _STRAY:
+            continue
+        signed = replace(of_joint, given=np.abs(given) * np.sign(of_joint.needed))
+        if left_with_factor(signed, 1.0) <= FALLS_TO * left_with_factor(of_joint, 1.0):
+            found.append(j)
+    return found
 
 
 def with_torques(

@@ -1,11 +1,13 @@
 """Success of a policy on robots that differ everywhere: what is tried, kept and counted."""
 
 import json
+from dataclasses import replace
 
 import pytest
 
 from api_schemas.policy import LAYOUTS
-from sim_backend.reality_gap.bench.success import EXTENDED, MEASURED, NOMINAL, main, summary
+from sim_backend.reality_gap.bench.success import EXTENDED, MEASURED, NOMINAL, line_of, main, summary, verdict_in
+from sim_backend.reality_gap.verdict import Cause, Verdict, VerdictKind
 from sim_backend.refusal import EXIT_UNUSABLE
 from tests import graphs
 
@@ -34,8 +36,7 @@ def test_what_is_missing_is_tried_and_what_is_there_is_kept(tmp_path, capsys):
     policy = graphs.linear(tmp_path / "policy.onnx", inputs=LAYOUTS[layout].observation_size)
     kept = [tried(model, seed, 0, 1, 0) for model, seed in ((NOMINAL, None), (MEASURED, 1), (EXTENDED, 1), (MEASURED, 2))]
     other = tried(NOMINAL, None, 0, 1, 1, 1)
-    for name in ("joints.jsonl", "studies.jsonl"):
-        (tmp_path / name).write_text("".join(json.dumps(each) + "\n" for each in STUDIES))
+    (tmp_path / "studies.jsonl").write_text("".join(json.dumps(each) + "\n" for each in STUDIES))
     (tmp_path / "tries.jsonl").write_text("".join(json.dumps(each) + "\n" for each in (*kept, other)) + '{"cut')
     call = ["--policy", str(policy), "--manifest", layout, "--task", "push", "--first-seed", "1", "--robots", "2", "--goals", "2"]
     assert main([*call, "--out", str(tmp_path), "--processes", "0"]) == 0
@@ -44,6 +45,12 @@ def test_what_is_missing_is_tried_and_what_is_there_is_kept(tmp_path, capsys):
     assert before == [*kept, other]
     assert (new["model"], new["seed"], new["first"], len(new["success"])) == (EXTENDED, 2, 0, 2)
     assert [row["measured"] for row in json.loads((tmp_path / "success.json").read_text())["by_robot"]] == [0.5, 0.5]
+
+
+def test_what_was_found_of_joints_comes_back_from_its_line():
+    cause = Cause("coulomb_friction", "torque_nm", "finger0_base_to_upper", 0.04, "N m", (0.03, 0.05))
+    verdict = Verdict(VerdictKind.NAMED, "friction", (cause,), (replace(cause, value=0.03),), cannot_tell=("much",))
+    assert verdict_in(json.loads(json.dumps(line_of(verdict)))) == verdict
 
 
 @pytest.mark.parametrize(

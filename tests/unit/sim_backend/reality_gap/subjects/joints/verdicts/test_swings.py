@@ -8,6 +8,7 @@ import pytest
 from sim_backend.reality_gap.knowledge.known_of_robot import UnknownRobot
 from sim_backend.reality_gap.recording import JointSignals, Recording
 from sim_backend.reality_gap.subjects.joints.laws.plant import Plant
+from sim_backend.reality_gap.subjects.joints.laws.state import JointState
 from sim_backend.reality_gap.subjects.joints.laws.trajectory import trajectory
 from sim_backend.reality_gap.subjects.joints.torques.equations import EpisodeEquations
 from sim_backend.reality_gap.subjects.joints.verdicts.swings import perhaps_another_pace, perhaps_less_inertia
@@ -23,14 +24,17 @@ def spring(value, where="elbow") -> Cause:
     return Cause("joint_stiffness", "stiffness_nm_rad", where, value, "N m/rad", (0.9 * value, 1.1 * value))
 
 
-def study_of(elbow, torque_nm=0.0):
+def study_of(elbow, torque_nm=0.0, stated=None):
+    """Of an arm whose model has what is ``stated``."""
     position = np.stack([0.2 * np.sin(2.0 * TIME_S), elbow], axis=1)
     recording = Recording(
         "made", "made", STEP_S, TIME_S, JointSignals(NAMES, position, measured_torque_nm=np.full_like(position, torque_nm))
     )
     path = trajectory(recording, cutoff_hz=UnknownRobot.cutoff_hz)
     episodes = (EpisodeEquations(Plant(arm(), NAMES), path, 0, robot=UnknownRobot()),)
-    return SimpleNamespace(problem=SimpleNamespace(names=NAMES, episodes=episodes))
+    start = JointState(2, {key: np.array(values) for key, values in (stated or {}).items()})
+    problem = SimpleNamespace(names=NAMES, episodes=episodes)
+    return SimpleNamespace(problem=problem, start=start, problem_start=lambda key, j: float(start.value(key)[j]))
 
 
 @pytest.mark.parametrize(
@@ -60,3 +64,24 @@ def test_gravity_of_another_size_may_be_the_clock_where_nothing_drives_a_joint(o
     assert bool(found) is bool(said)
     if found:
         assert found[0].cause == causes[0] and found[0].other.startswith(f"a second of the recordings is {said}: ")
+
+
+def test_a_spring_is_compared_with_the_one_that_the_model_has():
+    nominal = {"joint_stiffness.stiffness_nm_rad": [0.0, 0.8]}
+    weaker, stronger = (perhaps_less_inertia(study_of(ONE_PACE, stated=nominal), [spring(value)]) for value in (0.6, 1.0))  # pyrefly: ignore[bad-argument-type]
+    assert (bool(weaker), bool(stronger)) == (False, True)
+
+
+@pytest.mark.parametrize(
+    ("stated", "said"),
+    [
+        ({"gravity.offset_m_s2": [0.0, 0.0, 8.19]}, "0.903 s"),
+        ({"joint_stiffness.stiffness_nm_rad": [0.0, 0.8]}, ""),
+    ],
+    ids=["on the moon", "with a spring"],
+)
+def test_a_clock_is_compared_with_stated_gravity_and_not_where_a_spring_acts(stated, said):
+    cause = Cause("gravity", "offset_m_s2", "z", 8.49, "m/s^2", (8.4, 8.6))
+    found = perhaps_another_pace(study_of(SEVERAL, stated=stated), [cause])  # pyrefly: ignore[bad-argument-type]
+    assert bool(found) is bool(said)
+    assert said in "".join(doubt.other for doubt in found)
