@@ -3,6 +3,7 @@
 import argparse
 import asyncio
 import ctypes
+import gc
 import logging
 import os
 import resource
@@ -101,13 +102,18 @@ def main() -> None:
 
 
 def _work(command: str) -> Callable[[Settings], Coroutine[Any, Any, None]]:
-    if command == "router":
-        from services.router import route
+    gc.disable()  # what is imported stays: to look through it again and again takes a quarter of the start
+    try:
+        if command == "router":
+            from services.router import route
 
-        return route
-    from services.serve import dispatch, serve
+            return route
+        from services.serve import dispatch, serve
 
-    return {"serve": serve, "dispatch": dispatch}[command]
+        return {"serve": serve, "dispatch": dispatch}[command]
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 def _end_with_parent() -> None:
