@@ -13,6 +13,7 @@ from sim_backend.extras import how_to_install
 from sim_backend.folder_lock import TakenError, taken
 from sim_backend.refusal import ended, refused
 from sim_backend.workers.pool import WorkersError
+from trial_logs.loading import everything_stays
 
 if TYPE_CHECKING:
     from sim_backend.training.demonstrations.recipe import ImitationRecipe
@@ -30,7 +31,8 @@ def main(arguments: list[str] | None = None) -> int:
         options.workers = 1
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # torch's threads would wait by spinning on the cores of the physics
     try:
-        from sim_backend.training import train
+        with everything_stays():
+            from sim_backend.training import train
     except ImportError as error:
         said = f"training needs packages that are not installed ({error.name}): {how_to_install('learning')}"
         return refused(said, options.json, OTHER)
@@ -63,7 +65,8 @@ def _begun(name: str, recipe: "Recipe | ImitationRecipe", folder: Path, options:
         spread = {"workers": options.workers, "cluster": options.cluster}
         if not isinstance(recipe, Recipe) and options.workers is not None:
             raise ValueError("it imitates, and --workers goes with PPO only")
-        run = Run(recipe=recipe, **make, **spread) if isinstance(recipe, Recipe) else ImitationRun(recipe=recipe, **make)
+        with everything_stays():  # torch loads its compiler with the first optimiser
+            run = Run(recipe=recipe, **make, **spread) if isinstance(recipe, Recipe) else ImitationRun(recipe=recipe, **make)
         if options.resume:
             run.go_on()
     except ValueError as error:
