@@ -31,13 +31,12 @@ from experiments.recipe_files import (
 from experiments.result_files import Key, StoreError
 from experiments.store import Store
 from sim_backend.folder_lock import taken
+from sim_backend.training.folder import CHECKPOINT, RECORD
 
 POLL_EVERY_S = 0.5
 ENDS_WITHIN_S = 30.0
 LAST_LINES = 12
 OTHER_FOLDERS = "give another --work and --out"
-CHECKPOINT, RECORD = "checkpoint.pt", "record.json"
-"""What the training program leaves in its folder (sim_backend/training/evaluating.py, which needs torch)."""
 ORIGIN = "origin.json"
 """What we leave there: the versions that made the run, and the digest of what it began with."""
 

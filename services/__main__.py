@@ -20,6 +20,7 @@ from api_schemas.environment import unknown_settings
 from jail.level import JailLevel
 from services.settings import AUDIT, Settings
 from trial_logs.disk import lose_words_rather_than_end, words_into
+from trial_logs.loading import everything_stays
 
 PRIVATE = 0o077
 PR_SET_PDEATHSIG = 1
@@ -101,13 +102,14 @@ def main() -> None:
 
 
 def _work(command: str) -> Callable[[Settings], Coroutine[Any, Any, None]]:
-    if command == "router":
-        from services.router import route
+    with everything_stays():
+        if command == "router":
+            from services.router import route
 
-        return route
-    from services.serve import dispatch, serve
+            return route
+        from services.serve import dispatch, serve
 
-    return {"serve": serve, "dispatch": dispatch}[command]
+        return {"serve": serve, "dispatch": dispatch}[command]
 
 
 def _end_with_parent() -> None:

@@ -1,6 +1,7 @@
 """What holds for all tests: one thread each, signals mean what they mean at a terminal, and onnxruntime reports to nobody."""
 
 import gc
+import json
 import os
 import signal
 from pathlib import Path
@@ -44,13 +45,26 @@ def pytest_runtest_logfinish() -> None:
 _COMPUTE = ("architecture", "identification", "unit")
 
 
+def _seconds_of_files() -> dict[Path, float]:
+    """What files took, as far as it is known of them: the tests of two seconds and more."""
+    took_s: dict[Path, float] = {}
+    for test in json.loads((ROOT / "results/suite-times.json").read_text())["tests"]:
+        path = ROOT / (test["test"].partition("::")[0].replace(".", "/") + ".py")
+        took_s[path] = took_s.get(path, 0.0) + test["s"]
+    return took_s
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Files that compute take turns with those that wait for farms and browsers, so that cores have always something to do."""
+    """Files that compute take turns with those that wait for farms and browsers, so that cores have always something to do.
+
+    Of each kind those come first that took longest when times were last kept, so that no core waits for a long one at the end.
+    """
     files: dict[Path, list[pytest.Item]] = {}
     for item in items:
         files.setdefault(item.path, []).append(item)
     kinds: dict[bool, list[Path]] = {True: [], False: []}
-    for path in files:
+    took_s = _seconds_of_files()
+    for path in sorted(files, key=lambda path: -took_s.get(path, 0.0)):
         kinds[path.relative_to(ROOT / "tests").parts[0] in _COMPUTE].append(path)
     placed = [(place / len(paths), path) for paths in kinds.values() for place, path in enumerate(paths)]
     items[:] = [item for _, path in sorted(placed, key=lambda each: each[0]) for item in files[path]]

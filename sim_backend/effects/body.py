@@ -45,12 +45,16 @@ def joint_limits(spec: "MjSpec", values: Mapping[str, np.ndarray]) -> None:
 
 
 def table_tilt(spec: "MjSpec", values: Mapping[str, float]) -> None:
-    """Turn gravity as a table does that stands askew: about x by the roll, then about y by the pitch, seen from the table."""
-    roll, pitch = float(values["roll_rad"]), float(values["pitch_rad"])
-    x, y, z = spec.option.gravity
-    y, z = y * np.cos(roll) + z * np.sin(roll), -y * np.sin(roll) + z * np.cos(roll)
-    x, z = x * np.cos(pitch) - z * np.sin(pitch), x * np.sin(pitch) + z * np.cos(pitch)
-    spec.option.gravity = [x, y, z]
+    """Turn gravity as a table does that stands askew."""
+    spec.option.gravity = seen_from_tilted_table(spec.option.gravity, float(values["roll_rad"]), float(values["pitch_rad"]))
+
+
+def seen_from_tilted_table(vector: np.ndarray, roll_rad: float, pitch_rad: float) -> np.ndarray:
+    """A vector, shape (3,), turned about x by the roll, then about y by the pitch."""
+    x, y, z = vector
+    y, z = y * np.cos(roll_rad) + z * np.sin(roll_rad), -y * np.sin(roll_rad) + z * np.cos(roll_rad)
+    x, z = x * np.cos(pitch_rad) - z * np.sin(pitch_rad), x * np.sin(pitch_rad) + z * np.cos(pitch_rad)
+    return np.array([x, y, z])
 
 
 def gravity(spec: "MjSpec", values: Mapping[str, np.ndarray]) -> None:

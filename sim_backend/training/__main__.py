@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING
 from sim_backend.extras import how_to_install
 from sim_backend.folder_lock import TakenError, taken
 from sim_backend.refusal import ended, refused
+from sim_backend.training.folder import CHECKPOINT
 from sim_backend.workers.pool import WorkersError
+from trial_logs.loading import everything_stays
 
 if TYPE_CHECKING:
     from sim_backend.training.demonstrations.recipe import ImitationRecipe
@@ -29,11 +31,6 @@ def main(arguments: list[str] | None = None) -> int:
     if options.cluster is not None and options.workers is None:
         options.workers = 1
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # torch's threads would wait by spinning on the cores of the physics
-    try:
-        from sim_backend.training import train
-    except ImportError as error:
-        said = f"training needs packages that are not installed ({error.name}): {how_to_install('learning')}"
-        return refused(said, options.json, OTHER)
     from sim_backend.training.recipe import RecipeError, load_recipe
 
     try:
@@ -41,11 +38,17 @@ def main(arguments: list[str] | None = None) -> int:
     except RecipeError as error:
         return refused(error, options.json, USAGE)
     folder = options.out or Path(f"train-{name}")
-    there = (folder / train.CHECKPOINT).exists()
+    there = (folder / CHECKPOINT).exists()
     if there != options.resume:
         begun = "has the checkpoint of a run; give --resume to go on with it, or another --out"
         said = f"{folder} {begun if there else 'has no checkpoint to go on from; leave --resume out to begin'}"
         return refused(said, options.json, USAGE)
+    try:
+        with everything_stays():  # after all that can be refused without torch, which takes seconds to load
+            import sim_backend.training.train  # noqa: F401
+    except ImportError as error:
+        said = f"training needs packages that are not installed ({error.name}): {how_to_install('learning')}"
+        return refused(said, options.json, OTHER)
     try:
         with taken(folder, "a training", "give another --out", patience_s=LEARNER_GOES_S, lock="learner.lock"):
             return _begun(name, recipe, folder, options)
@@ -63,7 +66,8 @@ def _begun(name: str, recipe: "Recipe | ImitationRecipe", folder: Path, options:
         spread = {"workers": options.workers, "cluster": options.cluster}
         if not isinstance(recipe, Recipe) and options.workers is not None:
             raise ValueError("it imitates, and --workers goes with PPO only")
-        run = Run(recipe=recipe, **make, **spread) if isinstance(recipe, Recipe) else ImitationRun(recipe=recipe, **make)
+        with everything_stays():  # torch loads its compiler with the first optimiser
+            run = Run(recipe=recipe, **make, **spread) if isinstance(recipe, Recipe) else ImitationRun(recipe=recipe, **make)
         if options.resume:
             run.go_on()
     except ValueError as error:

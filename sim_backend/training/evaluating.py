@@ -7,11 +7,11 @@ from typing import Any, Protocol
 
 from sim_backend.tasks import TASKS
 from sim_backend.training.export import ExportedPolicy, write_policy
+from sim_backend.training.folder import RECORD
 from sim_backend.training.trying import Tried, robots_of, try_policy
 
 EVALUATION_SEED, FINAL_SEED = 10_000_000, 20_000_000
 """First seeds of the goals of evaluations; training draws its own from 2**53."""
-CHECKPOINT, RECORD = "checkpoint.pt", "record.json"
 TELL_EVERY_S = 10.0
 
 

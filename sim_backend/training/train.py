@@ -25,8 +25,8 @@ from sim_backend.training.changes import MAY_CHANGE, changes
 from sim_backend.training.demonstrations.plain_policy import begin_with
 from sim_backend.training.demonstrations.residual import FrozenPolicy, ResidualRobots
 from sim_backend.training.demonstrations.term import DemonstrationTerm
-from sim_backend.training.evaluating import CHECKPOINT
 from sim_backend.training.export import ExportedPolicy, exported
+from sim_backend.training.folder import CHECKPOINT
 from sim_backend.training.from_recipe import network_arguments, practice_of_recipe
 from sim_backend.training.progress import Watch
 from sim_backend.training.randomization import Randomizer, randomizer_of

@@ -23,8 +23,9 @@ from sim_backend.training.demonstrations.recipe import ImitationRecipe
 from sim_backend.training.demonstrations.samples import Samples
 from sim_backend.training.demonstrations.student import Student
 from sim_backend.training.demonstrations.teacher import read_teacher
-from sim_backend.training.evaluating import CHECKPOINT, TELL_EVERY_S
+from sim_backend.training.evaluating import TELL_EVERY_S
 from sim_backend.training.export import ExportedPolicy
+from sim_backend.training.folder import CHECKPOINT
 from sim_backend.training.randomization import draw_robots, ranges_to_train_on
 from trial_logs.disk import put_in_place
 

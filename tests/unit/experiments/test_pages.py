@@ -31,17 +31,23 @@ def found_in(folder: Path) -> list:
     return [findings(each, Store(folder, folder / "no-work", each)) for each in CATALOGUE.values()]
 
 
-@pytest.mark.parametrize("found", found_in(RESULTS), ids=CATALOGUE)
-def test_the_committed_pages_are_what_the_committed_results_give(found):
-    name = found.experiment.name
+@pytest.fixture(scope="module")
+def committed() -> dict:
+    """Findings by the name of their experiment, of what is committed; read when it is asked for, and not by every worker."""
+    return dict(zip(CATALOGUE, found_in(RESULTS), strict=True))
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_the_committed_pages_are_what_the_committed_results_give(committed, name):
+    found = committed[name]
     figure = PAGES / f"{name}.svg"
     assert (PAGES / f"{name}.md").read_text() == experiment_page(found, figure.exists())
     assert json.loads((RESULTS / f"{name}.json").read_text()) == json.loads(json.dumps(document(found)))
     assert figure.exists() == (figure_of(found) is not None) == figure.with_suffix(".png").exists()
 
 
-def test_the_committed_overview_is_what_the_committed_results_give():
-    assert (PAGES / "README.md").read_text() == overview(found_in(RESULTS))
+def test_the_committed_overview_is_what_the_committed_results_give(committed):
+    assert (PAGES / "README.md").read_text() == overview([*committed.values()])
 
 
 def test_the_documented_keys_are_those_of_the_document(tmp_path):
@@ -58,12 +64,13 @@ def test_of_two_that_ask_the_same_the_later_counts_once_all_of_it_is_there(state
 
 
 def test_without_results_everything_is_not_run_yet(tmp_path):
-    text = overview(found_in(tmp_path))
+    nothing = found_in(tmp_path)
+    text = overview(nothing)
     rows = [line for line in text.splitlines() if line.startswith("| ") and line.endswith("| not run yet |")]
     assert len(rows) == sum(len(each.claims) for each in CATALOGUE.values())
     assert sum(".md): not run yet |" in row for row in rows) == len(CATALOGUE)
     assert "0 reproduced, 0 not reproduced, 0 undecided" in text and "0 found, 0 not found, 0 undecided" in text
-    for found in found_in(tmp_path):
+    for found in nothing:
         assert {each.verdict for each in found.judged} == {Verdict.NOT_RUN}
         assert figure_of(found) is None and not found.has_figure
         assert "**State: not run yet.**" in experiment_page(found, figure=False)
@@ -128,9 +135,9 @@ def test_the_budget_says_what_the_trials_can_show():
         assert line == f"| 3 runs of 40 pairs, {robots} | 50% | 30% | a gain of 0.1, that of interest | {' | '.join(shown)} |"
 
 
-def test_what_is_asked_again_is_told_with_what_was_measured_before():
+def test_what_is_asked_again_is_told_with_what_was_measured_before(committed):
     page = (PAGES / "ablation-again.md").read_text()
-    measured = next(each for each in found_in(RESULTS) if each.experiment.name == "ablation-again").assumed["all against none"]
+    measured = committed["ablation-again"].assumed["all against none"]
     assert f"| 0.1 | {measured.spread:.2f} (measured) | 0.2 | {measured.largest:.2f} (the largest measured) |" in page
     assert (
         f"| 4 runs of 160 pairs, 16 robots that differ | {measured.first:.0%} | {measured.changing:.0%} | a gain of 0.15" in page

@@ -1,11 +1,15 @@
 """Recipes: every shipped one holds, and what does not hold is told where."""
 
+import subprocess
+import sys
+
 import pytest
 
 pytest.importorskip("torch", reason="the extra 'learning' is not installed")
 
 from sim_backend.training.randomization import ranges_to_train_on
 from sim_backend.training.recipe import RecipeError, load_recipe, shipped_recipes
+from tests import ROOT
 
 LEAST = 'task = "reach"\nlayout = "reach"\nsamples = 16384\n'
 
@@ -53,3 +57,12 @@ def test_ranges_lie_beside_the_recipe_that_names_them(tmp_path):
     assert recipe.model_dump()["physics"] == "robots.toml", "a record names no folder of its machine"
     _, shipped = load_recipe("push-randomized")
     assert ranges_to_train_on(shipped.physics_source).name == "contacts"
+
+
+def test_what_cannot_be_trained_is_refused_before_torch_is_loaded(tmp_path):
+    (tmp_path / "checkpoint.pt").touch()
+    asked = [["no-such-recipe"], ["push", "--out", str(tmp_path)]]
+    program = "import sys; from sim_backend.training.__main__ import main\n"
+    program += f"print([main(asked) for asked in {asked}], 'torch' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[2, 2] False", done.stdout + done.stderr

@@ -3,10 +3,9 @@
 import functools
 from collections.abc import Callable, Mapping
 
-import mujoco
 import numpy as np
 
-from sim_backend.effects.body import table_tilt
+from sim_backend.effects.body import seen_from_tilted_table
 from sim_backend.reality_gap.subjects.joints.laws.plant import InverseDynamics, LinkDerivatives
 from sim_backend.reality_gap.subjects.joints.laws.state import LINK_CENTRES, LINK_INERTIA, JointState, Term
 from sim_backend.reality_gap.subjects.joints.laws.trajectory import Trajectory
@@ -123,10 +122,7 @@ _STEP_RAD = 1e-4
 
 def tilted_gravity(gravity_m_s2: np.ndarray, roll_rad: float, pitch_rad: float) -> np.ndarray:
     """Gravity in the frame of a tilted table, shape (3,), m/s^2."""
-    spec = mujoco.MjSpec()
-    spec.option.gravity = gravity_m_s2
-    table_tilt(spec, {"roll_rad": roll_rad, "pitch_rad": pitch_rad})
-    return np.array(spec.option.gravity)
+    return seen_from_tilted_table(gravity_m_s2, roll_rad, pitch_rad)
 
 
 def tilt_images(by_gravity: np.ndarray, gravity_m_s2: np.ndarray) -> np.ndarray:

@@ -90,9 +90,14 @@ Values = tuple[float, ...]
 
 def absent_values() -> np.ndarray:
     """A motor and gear without effects, shape (len(VECTOR),)."""
-    values = np.array([PARAMETERS[key].absent if key in PARAMETERS else 0.0 for key in VECTOR])
-    values[_LIMIT] = UNLIMITED_NM
-    return values
+    return np.array(_absent())
+
+
+@functools.cache
+def _absent() -> Values:
+    """Read from the catalogue once: a fit asks for it with every model."""
+    of_catalogue = tuple(PARAMETERS[key].absent if key in PARAMETERS else 0.0 for key in VECTOR)
+    return (*of_catalogue[:_LIMIT], UNLIMITED_NM, *of_catalogue[_LIMIT + 1 :])
 
 
 def pushes(values: np.ndarray) -> bool:

@@ -9,6 +9,19 @@ from scipy.signal import lfilter
 from sim_backend.reality_gap.knowledge.joint_effects import LIMITED_TORQUE, MOTOR_LOSS, MOTOR_RISE, MOTOR_WARMS_S
 from sim_backend.reality_gap.subjects.joints.laws.state import JointState
 
+_WARMING = (MOTOR_LOSS, MOTOR_RISE, MOTOR_WARMS_S, LIMITED_TORQUE)
+"""What of a model says how warm its motors get."""
+
+
+def warms(state: JointState) -> bool:
+    """Whether it is of account in a model how warm its motors are."""
+    return bool(state.value(MOTOR_LOSS).any())
+
+
+def warming(state: JointState) -> bytes:
+    """The same for models whose motors warm alike."""
+    return b"".join(state.value(key).tobytes() for key in _WARMING)
+
 
 @dataclass(frozen=True)
 class Past:

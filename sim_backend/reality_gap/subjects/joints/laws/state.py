@@ -1,6 +1,6 @@
 """The model of k joints that a study has come to so far: values of effects by "effect.parameter"."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -64,7 +64,7 @@ class JointState:
         """Values of a parameter, absent where none was given."""
         if key in self.given:
             return self.given[key]
-        return np.full(self.width(key), 0.0 if key in NO_EFFECTS else PARAMETERS[key].absent)
+        return np.full(self.width(key), absent_of(key))
 
     def width(self, key: str) -> int:
         """How many values a parameter has."""
@@ -105,9 +105,24 @@ class JointState:
 
     def motor(self, joint: int) -> np.ndarray:
         """One joint's values for the motor law."""
-        values = absent_values()
+        return self.motors()[joint]
+
+    def motors(self) -> np.ndarray:
+        """Values of all joints for the motor law, shape (k, p)."""
+        values = np.tile(absent_values(), (self.joints, 1))
         for i, key in enumerate(VECTOR):
             if key in self.given:
-                given = self.given[key]
-                values[i] = given[joint if len(given) > 1 else 0]
+                values[:, i] = self.given[key]  # one value is that of all joints
         return values
+
+
+def absent_of(key: str) -> float:
+    """The value of a parameter that was not given."""
+    return 0.0 if key in NO_EFFECTS else PARAMETERS[key].absent
+
+
+def values_of(states: Sequence[JointState], key: str) -> np.ndarray:
+    """Values of a parameter in some models, a row for each."""
+    if any(key in state.given for state in states):
+        return np.array([state.value(key) for state in states])
+    return np.full((len(states), states[0].width(key)), absent_of(key))

@@ -1,6 +1,7 @@
 """Steps of a fit within bounds: what numbers of a model may change by, the best step within that, and the model after it."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.optimize import lsq_linear
@@ -51,7 +52,10 @@ def room_of(
 
 def ends_of(state: JointState, term: Term) -> tuple[float, float]:
     """Where the catalogue ends, or a number of bearings at none; a number that is beyond may stay."""
-    here = float(state.value(term.key)[term.index])
+    return _ends_of(state, term, float(state.value(term.key)[term.index]))
+
+
+def _ends_of(state: JointState, term: Term, here: float) -> tuple[float, float]:
     anywhere = (0.0 if term.key in BEARING else -np.inf, np.inf)
     lower, upper = anywhere if term.key in NO_EFFECTS else state.bounds(term.key)
     return min(lower, here), max(upper, here)
@@ -96,7 +100,11 @@ def step_within(
 
 def moved_by(state: JointState, terms: Sequence[Term], change: np.ndarray) -> JointState:
     """Numbers changed one by one, cut off where the catalogue ends, those of bearings at none."""
+    values = dict[str, np.ndarray]()
     for term, by in zip(terms, change, strict=True):
-        here = float(state.value(term.key)[term.index])
-        state = state.moved(term, float(np.clip(here + by, *ends_of(state, term))) - here, with_shape=False)
-    return state
+        if term.key not in values:
+            values[term.key] = state.value(term.key).copy()
+        here = float(values[term.key][term.index])
+        lower, upper = _ends_of(state, term, here)
+        values[term.key][term.index] += min(max(here + float(by), lower), upper) - here
+    return replace(state, given={**state.given, **values})

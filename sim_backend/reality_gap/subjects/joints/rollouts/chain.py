@@ -168,6 +168,9 @@ class Chain:
         def run(rows: slice) -> None:
             steps(*arrays, *settings, begins[rows], window[rows], which[rows], found[rows])
 
+        if len(window) <= _AT_ONCE:
+            run(slice(None))  # most fits ask for no more: to begin a thread takes as long as a short simulation
+            return found
         parts = [slice(i, i + _AT_ONCE) for i in range(0, len(window), _AT_ONCE)]
         with ThreadPoolExecutor() as threads:
             list(threads.map(run, parts))

@@ -20,9 +20,9 @@ from sim_backend.reality_gap.knowledge.joint_effects import POSITION_GAIN, TORQU
 from sim_backend.reality_gap.knowledge.unnamed_laws import BRAKING, CREEP, GIVE
 from sim_backend.reality_gap.subjects.joints.laws.body_law import gravity_of
 from sim_backend.reality_gap.subjects.joints.laws.motor_law import in_simulations
-from sim_backend.reality_gap.subjects.joints.laws.past import Past
+from sim_backend.reality_gap.subjects.joints.laws.past import Past, warming, warms
 from sim_backend.reality_gap.subjects.joints.laws.plant import Plant
-from sim_backend.reality_gap.subjects.joints.laws.state import CLOCK, LINK_CENTRES, LINK_INERTIA, JointState
+from sim_backend.reality_gap.subjects.joints.laws.state import CLOCK, LINK_CENTRES, LINK_INERTIA, JointState, values_of
 from sim_backend.reality_gap.subjects.joints.rollouts.chain import Bodies, Chain, ChainModels, Drives, is_plain
 
 LONGEST_STEP_S, LONGEST_IN_LOOP_S = 0.0025, 0.001
@@ -116,7 +116,7 @@ class Forward:
         over = np.arange(len(windows)) if over is None else over
         if self._chain is not None:
             drives = drives_of(windows, self._held_steps)
-            warm = _warm(windows, states)[which, over]
+            warm = _warm(windows, states, which, over)
             return self._chain.positions(drives, begin_rad, begin_rad_s, self.models(states), over, which, warm)
         found = [
             self._simulated(windows.some(over[rows]), begin_rad[rows], begin_rad_s[rows], states, which[rows])
@@ -144,9 +144,9 @@ class Forward:
         on_board = np.zeros(plant.joints, bool) if feedback is None else feedback.is_on_board
         behind = np.where(on_board, 0.0, late_s / step_s + (0.5 if self._held_steps else 0.0))
         line, targets_late_s = _DelayLine(np.maximum(0.0, behind)), np.where(on_board, late_s, 0.0)
-        values = np.array([[state.motor(j) for j in range(plant.joints)] for state in states])[which]
+        values = np.array([state.motors() for state in states])[which]
         memory, at_joint, bound = np.zeros((*shape, 3)), np.empty(shape), np.empty(shape)
-        memory[:, :, 0], memory[:, :, 1] = _warm(windows, states)[which, np.arange(len(windows))], begin_rad_s
+        memory[:, :, 0], memory[:, :, 1] = _warm(windows, states, which, np.arange(len(windows))), begin_rad_s
         found, step = np.empty((*shape[:1], windows.sent_nm.shape[1], shape[1])), in_simulations()
         made, moved = np.zeros(shape), begin_rad_s
         with np.errstate(all="ignore"):
@@ -181,7 +181,7 @@ class Forward:
         plant = self._plant
 
         def of(key: str) -> np.ndarray:
-            return np.array([state.value(key) for state in states])
+            return values_of(states, key)
 
         own, rest = self._model.jnt_stiffness[plant.joint_ids], self._model.qpos_spring[plant.positions]
         stiffness = own + of("joint_stiffness.stiffness_nm_rad")
@@ -193,7 +193,7 @@ class Forward:
             of("viscous_friction.damping_nm_s_rad"),
             stiffness,
             force / np.where(stiffness == 0.0, 1.0, stiffness),
-            np.array([[state.motor(j) for j in range(plant.joints)] for state in states]),
+            np.array([state.motors() for state in states]),
             of("encoder_offset.offset_rad"),
             of("action_delay.delay_s") + of(CLOCK),
             of(POSITION_GAIN),
@@ -236,10 +236,18 @@ class Forward:
         batch.set_const()
 
 
-def _warm(windows: Windows, states: Sequence[JointState]) -> np.ndarray:
-    """How much warmer than their surroundings motors of some models begin windows, K, shape (m, n, k)."""
-    past, shape = windows.past, windows.begin_rad.shape
-    return np.array([np.zeros(shape) if past is None else past.warm_k(state) for state in states])
+def _warm(windows: Windows, states: Sequence[JointState], which: np.ndarray, over: np.ndarray) -> np.ndarray:
+    """How much warmer than their surroundings motors begin simulations, K, shape (n, k): of models that warm alike once."""
+    found, past = np.zeros((len(which), windows.begin_rad.shape[1])), windows.past
+    alike: dict[bytes, list[int]] = {}
+    for number, state in enumerate(states):
+        if past is not None and warms(state):
+            alike.setdefault(warming(state), []).append(number)
+    for numbers in alike.values():
+        rows = np.isin(which, numbers)
+        if past is not None and rows.any():
+            found[rows] = past.some(over[rows]).warm_k(states[numbers[0]])
+    return found
 
 
 def drives_of(windows: Windows, held_steps: int = 0) -> Drives:
@@ -307,4 +315,4 @@ class _DelayLine:
 
 def _by_window(states: Sequence[JointState], which: np.ndarray, key: str) -> np.ndarray:
     """A parameter of the model of each window, shape (n, k) for one of joints."""
-    return np.array([state.value(key) for state in states])[which]
+    return values_of(states, key)[which]

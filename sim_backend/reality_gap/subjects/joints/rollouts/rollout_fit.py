@@ -188,9 +188,15 @@ class RolloutProblem:
 
     def squares_of(self, state: JointState, begin: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
         """Mean square error of each window and joint, infinite where a simulation diverges; shape (n, k)."""
-        w = self.windows
-        went = self.forward.positions(w, *begin, [state], np.zeros(len(w), int))
-        squares = ((w.position_rad - went) ** 2).mean(axis=1)
+        return self._squares_of(state, [begin])[0]
+
+    def _squares_of(self, state: JointState, begins: Sequence[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+        """The same from several begins of all windows, shape (b, n, k): all are simulated together."""
+        w, b = self.windows, len(begins)
+        begin_rad, begin_rad_s = (np.concatenate(each) for each in zip(*begins, strict=True))
+        over = np.tile(np.arange(len(w)), b)
+        went = self.forward.positions(w, begin_rad, begin_rad_s, [state], np.zeros(len(over), int), over)
+        squares = ((w.position_rad - went.reshape(b, *w.position_rad.shape)) ** 2).mean(axis=2)
         return np.where(np.isfinite(squares), squares, np.inf)
 
     def begin(self) -> tuple[np.ndarray, np.ndarray]:
@@ -275,7 +281,9 @@ class RolloutProblem:
             candidate = self._within_tolerance(moved_by(at.state, every, share * change), loose)
             moved = self._begins(at.begin, linear, apart(candidate, at.state, every), share)
             # where a model bends, begins that follow its linearisation lead astray
-            tried = [_Place(candidate, begin, self.squares_of(candidate, begin)) for begin in (moved, at.begin)]
+            begins = (moved, at.begin)
+            squares = self._squares_of(candidate, begins)
+            tried = [_Place(candidate, *each) for each in zip(begins, squares, strict=True)]
             nearest = min(tried, key=lambda place: self._loss(place.squares, noise))
             if self._loss(nearest.squares, noise) < self._loss(at.squares, noise):
                 return nearest

@@ -214,7 +214,9 @@ def _misread(study: JointStudy, agreement: Agreement, verdict: Verdict) -> Verdi
     rows = all_rows([told_by(episode, study.start) for episode in study.problem.episodes])
     if unsigned := [names[j] for j in without_sign(rows) if agreement.was_far[j]]:
         who = listed(unsigned)
-        why = f"The torques of {who} never change their sign; with the signs that the motion asks for the model agrees far better."
+        why = (
+            f"The torques of {who} never change their sign; with the signs that the motion asks for the model agrees far better."
+        )
         said, follows, check = f"the torques of {who} are sizes without a sign", (), f"what the torques of {who} hold"
     else:
         left = agreement.after if verdict.causes else np.full(len(agreement.after), np.inf)

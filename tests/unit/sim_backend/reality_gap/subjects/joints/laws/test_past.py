@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sim_backend.reality_gap.subjects.joints.laws.past import Past
+from sim_backend.reality_gap.subjects.joints.laws.past import Past, warming, warms
 from sim_backend.reality_gap.subjects.joints.laws.state import JointState
 
 RISE_K_NM2, WARMS_S, LIMIT_NM, STEP_S = 40.0, 5.0, 2.0, 0.01
@@ -31,3 +31,13 @@ def test_a_motor_whose_temperature_was_measured_begins_a_window_as_warm_as_it_wa
     warm = Past([torque], [measured], [STEP_S], np.array([0, 0]), np.array([0, 99])).warm_k(state)
     np.testing.assert_array_equal(warm[:, 0], [20.0, 30.0])
     assert warm[0, 1] == 0.0 and 0.0 < warm[1, 1] < 30.0
+
+
+def test_models_warm_alike_where_all_that_heats_them_is_the_same():
+    given = {f"thermal_derating.{name}": np.full(2, value) for name, value in (("loss_per_k", 0.001), ("rise_k_nm2", 9.0))}
+    state = JointState(2, given)
+    other_friction = JointState(2, given | {"coulomb_friction.torque_nm": np.full(2, 0.1)})
+    assert warming(state) == warming(other_friction)
+    for name, value in (("rise_k_nm2", 8.0), ("loss_per_k", 0.002), ("time_constant_s", 3.0)):
+        assert warming(state) != warming(JointState(2, given | {f"thermal_derating.{name}": np.full(2, value)}))
+    assert warms(state) and not warms(JointState(2))

@@ -5,7 +5,7 @@ import pytest
 
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.reality_gap.subjects.joints.laws.moves import moved, within_bounds
-from sim_backend.reality_gap.subjects.joints.laws.state import JointState, Term
+from sim_backend.reality_gap.subjects.joints.laws.state import JointState, Term, values_of
 
 COULOMB, OFFSET, LIMIT = "coulomb_friction.torque_nm", "encoder_offset.offset_rad", "torque_saturation.limit_nm"
 
@@ -40,3 +40,10 @@ def test_some_values_take_the_place_of_others():
     state = JointState(2).moved(Term(COULOMB, 0, 1e-3), 0.1).with_values({(COULOMB, 1): 0.2, (OFFSET, 0): 0.03})
     assert state.value(COULOMB).tolist() == [0.1, 0.2]
     assert state.value(OFFSET).tolist() == [0.03, 0.0]
+
+
+def test_values_of_some_models_are_those_of_each_whether_they_were_given_or_not():
+    clock, states = "clock.offset_s", [JointState(3, {COULOMB: np.array([0.1, 0.2, 0.3])}), JointState(3)]
+    for key in (COULOMB, OFFSET, LIMIT, clock):
+        for some in (states, states[1:]):
+            np.testing.assert_array_equal(values_of(some, key), [state.value(key) for state in some])

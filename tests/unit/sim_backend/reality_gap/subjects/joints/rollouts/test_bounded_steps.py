@@ -5,7 +5,7 @@ import pytest
 
 from sim_backend.reality_gap.knowledge.unnamed_laws import GIVE
 from sim_backend.reality_gap.subjects.joints.laws.state import JointState, Term
-from sim_backend.reality_gap.subjects.joints.rollouts.bounded_steps import room_of, step_within
+from sim_backend.reality_gap.subjects.joints.rollouts.bounded_steps import ends_of, moved_by, room_of, step_within
 
 PRECISION, PULL = np.array([[2.0, 1.0, 0.0], [1.0, 2.0, 0.0], [0.0, 0.0, 1.0]]), np.array([-3.0, 1.0, 0.5])
 FREE = np.full(3, np.inf)
@@ -75,3 +75,17 @@ def test_causes_go_as_far_as_the_catalogue_and_tolerances_as_far_as_they_are_tol
     assert (least[0], most[0]) == pytest.approx((lower, upper))
     assert (least[1], most[1]) == pytest.approx((-0.02 - 0.015, 0.02 - 0.015))
     assert (least[2], most[2]) == pytest.approx((-2e-4, 1e-3 - 2e-4))
+
+
+def test_numbers_changed_together_are_those_changed_one_after_the_other():
+    terms = [Term(key, index, 1e-3) for key in ("coulomb_friction.torque_nm", GIVE) for index in (0, 2)]
+    state, change = JointState(3, {GIVE: np.array([0.1, 0.2, 0.3])}), np.array([0.02, 1e3, -0.05, -9.0])
+    one_by_one = state
+    for term, by in zip(terms, change, strict=True):
+        here = one_by_one.value(term.key)[term.index]
+        one_by_one = one_by_one.moved(term, np.clip(here + by, *ends_of(one_by_one, term)) - here)
+    together = moved_by(state, terms, change)
+    assert together.given.keys() == one_by_one.given.keys()
+    for key, values in one_by_one.given.items():
+        np.testing.assert_array_equal(together.value(key), values)
+    np.testing.assert_array_equal(state.value(GIVE), [0.1, 0.2, 0.3])

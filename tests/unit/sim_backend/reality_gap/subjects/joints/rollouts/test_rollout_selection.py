@@ -41,23 +41,37 @@ from tests.unit.sim_backend.reality_gap.subjects.joints.pendulum import (
 )
 
 PLAY_RAD = 0.03
+RUBS_NM = 0.1
 
 
-@pytest.mark.parametrize(
-    ("hidden", "effect", "value"),
-    [
-        ('frictionloss="0.08"', "coulomb_friction", 0.08),
-        pytest.param('damping="0.03"', "viscous_friction", 0.03, marks=pytest.mark.scale),
-    ],
-)
-def test_a_hidden_loss_is_named_by_where_the_pendulum_goes(hidden, effect, value):
-    """`test_a_hidden_loss_is_named_by_where_the_pendulum_goes` has the loss that is no straight line without scale."""
-    verdict = study_of(hidden)
+@pytest.fixture(scope="module")
+def rubbing():
+    """The verdict on a pendulum whose bearing rubs."""
+    return study_of(f'frictionloss="{RUBS_NM}"')
+
+
+def is_named_alone(verdict, effect: str, value: float) -> bool:
+    """Whether an effect is the only cause, at the hinge, with its value, which its interval holds."""
     assert verdict.verdict is VerdictKind.NAMED, verdict.summary
     (cause,) = verdict.causes
     assert (cause.effect, cause.where) == (effect, "hinge")
     assert cause.interval_90[0] < value < cause.interval_90[1] and cause.value == pytest.approx(value, rel=0.1)
-    assert [e.told for e in verdict.effects if e.effect == effect] == [Told.NAMED]
+    return [e.told for e in verdict.effects if e.effect == effect] == [Told.NAMED]
+
+
+def test_a_hidden_loss_is_named_by_where_the_pendulum_goes(rubbing):
+    assert is_named_alone(rubbing, "coulomb_friction", RUBS_NM)
+
+
+@pytest.mark.scale
+def test_a_loss_that_is_a_straight_line_is_named_by_where_the_pendulum_goes():
+    """`test_a_hidden_loss_is_named_by_where_the_pendulum_goes` has the loss that is no straight line."""
+    assert is_named_alone(study_of('damping="0.03"'), "viscous_friction", 0.03)
+
+
+def test_how_a_soft_friction_sets_in_is_no_second_cause(rubbing):
+    assert [cause.effect for cause in rubbing.causes] == ["coulomb_friction"]
+    assert rubbing.causes[0].value == pytest.approx(RUBS_NM, rel=0.02)
 
 
 def test_a_load_in_one_of_two_recordings_is_no_cause_of_the_robot():
@@ -65,13 +79,6 @@ def test_a_load_in_one_of_two_recordings_is_no_cause_of_the_robot():
     verdict = study_of("", seconds=15.0, then=loaded)
     assert verdict.verdict is VerdictKind.UNEXPLAINED, verdict.summary
     assert "what is another in swing 2, such as a load or the rig: in swing 1 the model goes" in verdict.cannot_tell[0]
-
-
-def test_how_a_soft_friction_sets_in_is_no_second_cause():
-    verdict = study_of('frictionloss="0.1"')
-    assert verdict.verdict is VerdictKind.NAMED, verdict.summary
-    assert [cause.effect for cause in verdict.causes] == ["coulomb_friction"]
-    assert verdict.causes[0].value == pytest.approx(0.1, rel=0.02)
 
 
 def test_friction_that_falls_off_in_another_way_is_told_with_its_exponent():

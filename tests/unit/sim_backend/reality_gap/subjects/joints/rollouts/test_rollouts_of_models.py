@@ -9,9 +9,10 @@ import pytest
 from sim_backend.reality_gap.feedback import Feedback
 from sim_backend.reality_gap.knowledge.known_of_robot import UnknownRobot
 from sim_backend.reality_gap.subjects.joints.identification import study_joints
+from sim_backend.reality_gap.subjects.joints.laws.past import Past
 from sim_backend.reality_gap.subjects.joints.laws.plant import Plant
 from sim_backend.reality_gap.subjects.joints.laws.state import JointState
-from sim_backend.reality_gap.subjects.joints.rollouts.forward import Forward, Windows
+from sim_backend.reality_gap.subjects.joints.rollouts.forward import Forward, Windows, _warm
 from sim_backend.reality_gap.subjects.joints.rollouts.recorded_windows import LEAST_WINDOWS, windows_of
 from tests.unit.sim_backend.reality_gap.subjects.joints.pendulum import (
     NO_LIMIT,
@@ -214,3 +215,17 @@ def test_of_windows_in_which_every_joint_rests_there_are_few():
     moving = int((np.ptp(every.position_rad, axis=1) > 1e-2).sum())
     assert 4 <= moving <= 6, "it settles within a second or two"
     assert (goes_rad > 1e-2).sum() == moving and len(fewer) == moving + moving // 2
+
+
+def test_motors_begin_each_simulation_as_warm_as_its_model_makes_them():
+    given = {"loss_per_k": 0.001, "rise_k_nm2": 40.0, "time_constant_s": 5.0}
+    hot = {f"thermal_derating.{name}": np.array([value]) for name, value in given.items()}
+    states = [JointState(1, hot | more) for more in ({}, {"encoder_offset.offset_rad": np.array([0.1])})]
+    states += [JointState(1), JointState(1, hot | {"thermal_derating.rise_k_nm2": np.array([20.0])})]
+    past = Past([np.full((1, 900), 1.5)], [None], [STEP_S], np.zeros(3, int), np.array([0, 300, 899]))
+    still = np.zeros((3, 5, 1))
+    windows = Windows(STEP_S, still, still[:, 0], still[:, 0], still, None, np.zeros(3, int), past)
+    which, over = np.repeat(np.arange(4), 3), np.tile(np.arange(3), 4)
+    expected = np.concatenate([past.warm_k(state) for state in states])
+    np.testing.assert_array_equal(_warm(windows, states, which, over), expected)
+    assert len(np.unique(expected)) == 5, "cold, and at two moments of two models"
