@@ -1,7 +1,8 @@
 """Processes of a farm that are forked from one which has their programs imported: they begin at once and do the rest as always.
 
 Importing takes services some seconds of a processor, a fork some milliseconds. The process to fork from is that of
-multiprocessing's fork server; it lives as long as this one and imports nothing that services must not load.
+multiprocessing's fork server; it lives as long as this one and imports nothing that services must not load. There is one of them
+in a process, and workers of fits and trainings may have begun it before with what they need: then another takes its place.
 """
 
 import importlib
@@ -11,6 +12,7 @@ import signal
 import subprocess
 import sys
 from contextlib import contextmanager
+from multiprocessing import forkserver
 from pathlib import Path
 from types import ModuleType
 
@@ -25,7 +27,8 @@ IMPORTED = [
 LINK_LEASE_MS = 20_000
 """A process on a machine that stalls is not one that has gone; one that ends closes its links, however long this is."""
 _context = multiprocessing.get_context("forkserver")
-_context.set_forkserver_preload(IMPORTED)
+_own_servers: set[int] = set()
+"""Fork servers that were begun here; what another user asks to be imported comes too late for them."""
 
 
 class Forked:
@@ -37,6 +40,7 @@ class Forked:
             target=_run, args=(module, [str(each) for each in arguments], cwd, dict(env), errors), daemon=True
         )
         with _without_main():
+            _begin_own_server()
             self._process.start()
         self.pid = self._process.pid
 
@@ -58,6 +62,15 @@ class Forked:
 
     def kill(self):
         self.send_signal(signal.SIGKILL)
+
+
+def _begin_own_server():
+    server = forkserver._forkserver
+    if server._forkserver_pid not in _own_servers:
+        server._stop()
+        server.set_forkserver_preload(IMPORTED)
+        server.ensure_running()
+        _own_servers.add(server._forkserver_pid)
 
 
 @contextmanager
