@@ -26,7 +26,7 @@ def perhaps_less_inertia(study: JointStudy, causes: Sequence[Cause]) -> list[Dou
     """Of each spring that draws a joint back: that the joint has less inertia, where its motion does not tell them apart."""
     doubts = []
     for cause in causes:
-        if f"{cause.effect}.{cause.parameter}" != JOINT_STIFFNESS:
+        if f"{cause.effect}.{cause.parameter}" != JOINT_STIFFNESS or cause.where not in study.problem.names:
             continue
         joint = study.problem.names.index(cause.where)
         more = cause.value - study.problem_start(JOINT_STIFFNESS, joint)

@@ -66,6 +66,10 @@ def test_gravity_of_another_size_may_be_the_clock_where_nothing_drives_a_joint(o
         assert found[0].cause == causes[0] and found[0].other.startswith(f"a second of the recordings is {said}: ")
 
 
+def test_of_springs_at_no_joint_of_its_own_nothing_is_said():
+    assert perhaps_less_inertia(study_of(ONE_PACE), [spring(0.6, "all joints")]) == []  # pyrefly: ignore[bad-argument-type]
+
+
 def test_a_spring_is_compared_with_the_one_that_the_model_has():
     nominal = {"joint_stiffness.stiffness_nm_rad": [0.0, 0.8]}
     weaker, stronger = (perhaps_less_inertia(study_of(ONE_PACE, stated=nominal), [spring(value)]) for value in (0.6, 1.0))  # pyrefly: ignore[bad-argument-type]
