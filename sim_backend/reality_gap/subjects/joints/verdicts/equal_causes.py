@@ -19,7 +19,7 @@ from sim_backend.reality_gap.subjects.joints.laws.body_law import gravity_of, ti
 from sim_backend.reality_gap.subjects.joints.laws.hypotheses import PLATFORM
 from sim_backend.reality_gap.subjects.joints.laws.plant import Plant
 from sim_backend.reality_gap.subjects.joints.laws.state import JointState
-from sim_backend.reality_gap.verdict import Cause, Told, Verdict, VerdictKind
+from sim_backend.reality_gap.verdict import Cause, Rival, Told, Verdict, VerdictKind
 
 _OPEN = frozenset({VerdictKind.NAMED, VerdictKind.CONFUSABLE})
 _SAME_GRAVITY, _LEAST_ACROSS = 0.01, 0.2
@@ -28,6 +28,7 @@ _WEIGHTLESS = 0.1
 """Share of gravity: with less than this left it is no gravity that is a little off."""
 _LEAST_FACTOR = 1e-3
 """Of a mass: with less there is no link."""
+_PAYLOAD = "the same motion with a payload of known mass at the last link"
 _TRIFLE = 0.05
 """Of the larger of two tilts: the other is none."""
 
@@ -43,6 +44,8 @@ def with_share_of_all(verdict: Verdict, names: Sequence[str], is_driven: Sequenc
         is_driven: which of them a torque drives; nobody blames the motor of another.
         tolerated: share by which masses may be off without being wrong, and so the shares of two joints from each other.
     """
+    if len(names) == 1 and {MASS[0], CONSTANT[0]} <= {cause.effect for cause in verdict.causes}:
+        return _of_one_link(verdict)
     if verdict.verdict is not VerdictKind.NAMED:
         return verdict
     driven = [name for name, drives in zip(names, is_driven, strict=True) if drives]
@@ -61,8 +64,23 @@ def with_share_of_all(verdict: Verdict, names: Sequence[str], is_driven: Sequenc
         if len(names) == 1 and bounds.lower < as_other[0].value < bounds.upper:
             continue
         said = "Or all torques are off by one share: no motion tells that from all masses."
-        return _confusable(verdict, said, own.values(), as_other, "the same motion with a payload of known mass at the last link")
+        return _confusable(verdict, said, own.values(), as_other, _PAYLOAD)
     return verdict
+
+
+def _of_one_link(verdict: Verdict) -> Verdict:
+    """A verdict in which both are possible: no pose tells a single link's mass from its motor's constant, as it does of several."""
+    pose = separated_by(MASS[0], CONSTANT[0], "")
+
+    def told(rival: Rival) -> Rival:
+        return replace(rival, separated_by=_PAYLOAD) if rival.separated_by == pose else rival
+
+    return replace(
+        verdict,
+        runner_up=None if verdict.runner_up is None else told(verdict.runner_up),
+        rejected=tuple(map(told, verdict.rejected)),
+        record_next=tuple(_PAYLOAD if each == pose else each for each in verdict.record_next),
+    )
 
 
 def _mass_factors(cause: Cause) -> tuple[float, float, float]:

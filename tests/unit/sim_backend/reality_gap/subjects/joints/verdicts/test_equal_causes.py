@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from sim_backend.reality_gap.knowledge.separation import separated_by
 from sim_backend.reality_gap.subjects.joints.laws.body_law import tilted_gravity
 from sim_backend.reality_gap.subjects.joints.laws.plant import Plant
 from sim_backend.reality_gap.subjects.joints.laws.state import JointState
@@ -15,7 +16,7 @@ from sim_backend.reality_gap.subjects.joints.verdicts.equal_causes import (
     with_turned_base,
     with_weight,
 )
-from sim_backend.reality_gap.verdict import Cause, EffectJudged, Told, Verdict, VerdictKind
+from sim_backend.reality_gap.verdict import Cause, EffectJudged, Rival, Told, Verdict, VerdictKind
 
 
 def masses(*factors: tuple[str, float]) -> Verdict:
@@ -43,6 +44,17 @@ def test_the_mass_of_a_single_link_may_be_its_torque_where_rollouts_could_not_as
     found = with_share_of_all(masses(("upper", factor)), ("upper",), (True,), TOLERATED)
     assert (found.verdict is VerdictKind.NAMED) is is_asked
     assert [cause.value for cause in found.causes[1:]] == ([] if is_asked else [pytest.approx(1 / factor - 1)])
+
+
+def test_poses_are_not_said_to_tell_a_single_link_from_its_motor():
+    pose = separated_by("link_mass", "torque_constant", "")
+    both, rival = masses(("upper", 1.2)).causes + constants(("upper", -0.17)).causes, Rival("torque_constant", "upper", 0.1, pose)
+    open_ = Verdict(VerdictKind.CONFUSABLE, "Either.", causes=both, runner_up=rival, rejected=(rival,), record_next=(pose, "slowly"))
+    found = with_share_of_all(open_, ("upper",), (True,), TOLERATED)
+    assert found.runner_up is not None and found.runner_up == found.rejected[0]
+    assert "payload of known mass" in found.runner_up.separated_by and "payload of known mass" in found.record_next[0]
+    assert found.record_next[1] == "slowly" and found.causes == both
+    assert with_share_of_all(open_, ("upper", "lower"), (True, True), TOLERATED) == open_
 
 
 @pytest.mark.parametrize("factors", [(("upper", 0.75),), (("upper", 0.75), ("lower", 0.9))])
