@@ -94,7 +94,7 @@ def whitened(equation: Equation, scales: np.ndarray, fold: np.ndarray, *, plain:
     else:
         valid = equation.valid & np.isfinite(equation.residual)
         order = 0 if plain else _AR_ORDER[equation.channel]
-        if valid.sum() < _FEWEST_ROWS * (order + 1):
+        if valid.sum() < _fewest_rows(order):
             return None
         floor = max(_SMALLEST_NOISE[equation.channel], ERROR_FLOOR * equation.error_floor_nm)
         left, _ = left_over(equation.residual[valid], equation.images[valid], scales, floor)
@@ -118,7 +118,17 @@ def is_short(equation: Equation) -> bool:
     """Whether an equation has too few valid rows for a noise of its own."""
     if equation.in_windows:
         return False
-    return int((equation.valid & np.isfinite(equation.residual)).sum()) < _FEWEST_ROWS * (_AR_ORDER[equation.channel] + 1)
+    return int((equation.valid & np.isfinite(equation.residual)).sum()) < _fewest_rows(_AR_ORDER[equation.channel])
+
+
+def least_s(equation: Equation) -> float:
+    """How long the rows that count have to last, in all recordings together, for a joint to be judged by such an equation."""
+    between_s = float(np.median(np.diff(equation.time_s))) if len(equation.time_s) > 1 else 0.0
+    return _fewest_rows(_AR_ORDER[equation.channel]) * between_s
+
+
+def _fewest_rows(order: int) -> int:
+    return _FEWEST_ROWS * (order + 1)
 
 
 def whitened_together(

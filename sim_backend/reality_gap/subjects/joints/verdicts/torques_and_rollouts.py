@@ -57,9 +57,12 @@ def in_both(torques: Verdict, rollouts: Verdict, columns: Sequence[Cause] = (), 
         columns: what two columns of one joint say of each other: commanded and measured torque, positions and velocities.
         doubts: of causes that may be no fault.
     """
-    is_open = rollouts.verdict is not VerdictKind.NOTHING_WRONG
-    if (torques.misreads and is_open) or (torques.verdict is VerdictKind.NOT_IDENTIFIABLE and not rollouts.causes):
+    is_right, is_off = (rollouts.verdict is kind for kind in (VerdictKind.NOTHING_WRONG, VerdictKind.UNEXPLAINED))
+    too_few = torques.verdict is VerdictKind.NOT_IDENTIFIABLE and not rollouts.causes
+    if (torques.misreads and not is_right) or (too_few and not is_off):
         return replace(torques, effects=_unjudged(rollouts, "it is not known what these data say"))
+    if too_few:
+        return _off_and_no_more(torques, rollouts)
     if rollouts.misreads:
         return replace(rollouts, cannot_tell=(*rollouts.cannot_tell, *torques.cannot_tell))
     sensed = tuple(cause for cause in torques.causes if not _moves(cause) and cause.effect not in _OF_COLUMNS)
@@ -86,6 +89,17 @@ def in_both(torques: Verdict, rollouts: Verdict, columns: Sequence[Cause] = (), 
         cannot_tell=tuple(dict.fromkeys(cannot_tell)),
         held_out_there=torques.held_out_there,
         effects=_together(rollouts, seen, {effect for _, effect in doubted}, open_),
+    )
+
+
+def _off_and_no_more(torques: Verdict, rollouts: Verdict) -> Verdict:
+    """Of data that are too few for torques, and enough to see that the model does not go where the robot went."""
+    along = f"what torques along the motion say: {torques.summary}"
+    return replace(
+        rollouts,
+        record_next=tuple(dict.fromkeys([*torques.record_next, *rollouts.record_next])),
+        cannot_tell=tuple(dict.fromkeys([along, *torques.cannot_tell, *rollouts.cannot_tell])),
+        held_out_there=torques.held_out_there,
     )
 
 

@@ -10,12 +10,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim_backend.effects.catalogue import PARAMETERS
-from sim_backend.reality_gap.knowledge.joint_effects import FITTED, Sign, effect_of
+from sim_backend.reality_gap.knowledge.joint_effects import FITTED, Channel, Sign, effect_of
 from sim_backend.reality_gap.subjects.joints.gain import errors_of, held_out_errors
 from sim_backend.reality_gap.subjects.joints.identification import LEAST_TORQUE_SHARE, JointStudy
 from sim_backend.reality_gap.subjects.joints.signs.checks import noise_of_clocks
 from sim_backend.reality_gap.subjects.joints.slides import told_distance, told_torque
 from sim_backend.reality_gap.subjects.joints.torques.look import Accepted
+from sim_backend.reality_gap.subjects.joints.torques.normal_equations import least_s
 from sim_backend.reality_gap.subjects.joints.torques.residual_patterns import shares
 from sim_backend.reality_gap.subjects.joints.verdicts.misreadings import misreading
 from sim_backend.reality_gap.subjects.joints.verdicts.near_ends import mostly_at_ends, sentences_on_ends
@@ -58,6 +59,11 @@ class Agreement:
     def was_far(self) -> np.ndarray:
         """Joints that were judged and disagreed with the nominal model."""
         return self.is_judged & (self.before > FAR * self.noise)
+
+    @property
+    def was_off(self) -> np.ndarray:
+        """The same, of joints with too few rows to be judged, too; rows enough for signs and units to show."""
+        return self.before > FAR * self.noise
 
     @property
     def is_footnote(self) -> np.ndarray:
@@ -153,11 +159,12 @@ def reconsidered(study: JointStudy, verdict: Verdict) -> Verdict:
     verdict = replace(verdict, cannot_tell=(*verdict.cannot_tell, *_unjudged_sentences(study, unjudged)))
     if any(finding.sign is Sign.REST_UNDER_LOAD for finding in study.findings):
         return verdict
+    if agreement.was_off.any() and (misread := _misread(study, agreement, verdict)) is not None:
+        return misread
     if not agreement.is_judged.any():
         rows = "enough rows in which it moves, away from the ends of its range, and everything was measured"
-        return _not_identifiable(study, verdict, f"These data cannot tell anything: of no joint are there {rows}.")
-    if agreement.was_far.any() and (misread := _misread(study, agreement, verdict)) is not None:
-        return misread
+        few = ", ".join(f"{name} {_lasting(study, j)}" for j, name in enumerate(names))
+        return _not_identifiable(study, verdict, f"These data cannot tell anything: of no joint are there {rows} ({few}).")
     if (why := _objection(study, agreement, verdict.causes)) is not None:
         followed = tuple(f"{variable} of {names[j]} ({share:.0%} of it)" for j, variable, share in _laws(study, agreement))
         return replace(_unexplained(verdict, why), follows=(*followed, *verdict.follows))
@@ -253,12 +260,21 @@ def _unjudged_sentences(study: JointStudy, unjudged: Sequence[str]) -> list[str]
         pressed = float(np.quantile(np.concatenate(pushes), 0.9)) if sum(map(len, pushes)) else 0.0
         is_driven = any(np.nan_to_num(e.acting_nm[j]).any() for e in study.problem.episodes)
         presses = is_driven and pressed > _needless_nm(study, j)
-        more = f"; its motor gave {pressed:.2g} N m that the model does not need" if presses else ""
+        gave = told_torque(pressed, is_slide=bool(study.problem.episodes[0].plant.is_slide[j]))
+        more = f"; its motor gave {gave} that the model does not need" if presses else ""
         said.append(
             f"anything about {name} by its torques: too few rows in which it moves, away from its ends, and everything was "
-            f"measured{more}"
+            f"measured ({_lasting(study, j)}){more}"
         )
     return said
+
+
+def _lasting(study: JointStudy, joint: int) -> str:
+    """How long the rows of a joint last that count, and how long they would have to."""
+    found = [equation for episode in study.problem.episodes for equation in episode.equations(study.start, ())]
+    own = [equation for equation in found if equation.channel is Channel.MECHANICS and equation.joint == joint]
+    has_s = sum(equation.counted_s for equation in own)
+    return f"{has_s:.2g} s of at least {max(map(least_s, own)):.2g} s"
 
 
 def _needless_nm(study: JointStudy, joint: int) -> float:

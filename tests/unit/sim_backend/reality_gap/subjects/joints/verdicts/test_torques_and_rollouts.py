@@ -69,6 +69,17 @@ def test_damping_beside_a_current_behind_a_filter_may_be_a_column_that_is_late(s
     assert ("smoothed by its sensor" in found.summary) is (kind is VerdictKind.CONFUSABLE)
 
 
+@pytest.mark.parametrize(
+    ("kind", "told"),
+    [(VerdictKind.UNEXPLAINED, VerdictKind.UNEXPLAINED), (VerdictKind.NOTHING_WRONG, VerdictKind.NOT_IDENTIFIABLE)],
+)
+def test_rows_too_few_for_torques_show_that_a_model_goes_elsewhere(kind, told):
+    few = verdict(VerdictKind.NOT_IDENTIFIABLE, record_next=("longer",))
+    found = in_both(few, verdict(kind, record_next=("slowly",), effects=JUDGED))
+    assert found.verdict is told and found.record_next[0] == "longer"
+    assert ("It is unexplained." in found.summary) is (kind is VerdictKind.UNEXPLAINED)
+
+
 def test_what_may_be_no_fault_is_not_named_for_sure():
     doubt = Doubt(DELAY, "the measured torque of elbow is smoothed", "steps of torque")
     judged = (EffectJudged(DELAY.effect, Told.EXCLUDED, 0.01, "s"), EffectJudged(NOISE.effect, Told.EXCLUDED, 1e-3, "rad"))

@@ -1,5 +1,7 @@
 """Verdicts on robots without healthy sessions: nothing is named, or called right, that leaves what is wrong unexplained."""
 
+import re
+
 import mujoco
 import numpy as np
 import pytest
@@ -66,6 +68,8 @@ def test_of_a_joint_with_too_few_rows_a_motor_is_said_to_press_only_if_it_has_on
     said = [sentence for sentence in verdict.cannot_tell if "too few rows" in sentence]
     assert len(said) == 2 and all(" by its torques: " in sentence for sentence in said)
     assert all(("its motor gave" in sentence) is driven for sentence in said)
+    assert all(re.search(r"\(\d\.\d s of at least \d(\.\d)? s\)", sentence) for sentence in said)
+    assert "(shoulder " in verdict.summary and " s of at least " in verdict.summary
 
 
 def test_what_little_is_left_is_not_said_to_follow_anything():
