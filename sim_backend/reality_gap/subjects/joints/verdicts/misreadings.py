@@ -33,6 +33,7 @@ from sim_backend.reality_gap.subjects.joints.verdicts.ways_to_misread import (
     other_clocks,
     other_paces,
     other_positions,
+    other_zeros,
     with_torques,
 )
 
@@ -59,10 +60,13 @@ def misreading(
     data = [told_by(episode, start) for episode in episodes]
     rows = all_rows(data)
     told = errors_of(rows)
+    if not np.isfinite(told).any():
+        return None
     limit = np.minimum(told, left_nm)
     found = [*with_torques(rows, names, "", "", (), np.ones(len(names))), *other_positions(data, names)]
+    found += other_zeros(data, names)
     right = [m for m in found if _is_far_better(m, told, FALLS_TO * limit)]
-    clocks = [*other_clocks(data), *other_paces(data, rows)]
+    clocks = [*other_clocks(data), *other_paces(data, rows, names)]
     right += [m for m in clocks if _is_far_better(m, told, CLOCK_FALLS_TO * limit)]
     if not right:
         return None
@@ -90,7 +94,7 @@ def _that_roll_out(found: Sequence[Misreading], data: Sequence[ToldEpisode]) -> 
 
 def _rollout_errors(data: Sequence[ToldEpisode], reading: Reading) -> np.ndarray:
     """Median over windows of how far each joint is from where it was, as a share of how far it moved, shape (k,)."""
-    rows = all_rows(data, reading.positions, reading.late_s, reading.pace, held_out=False)
+    rows = all_rows(data, reading.positions, reading.late_s, reading.pace, reading.zeros_rad, held_out=False)
     coulomb, damping, offset = (np.zeros(len(rows)) for _ in range(3))
     for j, of_joint in enumerate(rows):
         if len(of_joint.given) >= FEWEST_ROWS:
@@ -119,7 +123,7 @@ def _motion(told: ToldEpisode, reading: Reading) -> tuple[Motion, np.ndarray]:
     known = np.repeat(good, path.every)[: len(time_s)]
     held_out = is_held_out(time_s - time_s[0])
     velocity, step_s = path.fast_velocity * reading.positions * reading.pace, path.step_s / reading.pace
-    motion = Motion(path.fast_position * reading.positions, velocity, torque, step_s, known)
+    motion = Motion(path.fast_position * reading.positions + reading.zeros_rad, velocity, torque, step_s, known)
     return motion, windows_of(motion, _WINDOW_S, _WINDOW_S / 2, held_out)
 
 

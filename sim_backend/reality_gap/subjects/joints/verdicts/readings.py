@@ -18,13 +18,15 @@ _BLURRED_RAD_S, _STRETCH_S = 0.02, 1.2
 class Reading:
     """How to read the data: factors of each joint's positions and torques, shapes (k,), and of clocks.
 
-    Torques are dated ``late_s`` too late, and the told clock lets ``pace`` pass for each second.
+    Torques are dated ``late_s`` too late, and the told clock lets ``pace`` pass for each second. What ``zeros_rad`` says comes on
+    top of positions, shape (k,), rad.
     """
 
     positions: np.ndarray
     torques: np.ndarray
     late_s: float = 0.0
     pace: float = 1.0
+    zeros_rad: np.ndarray | float = 0.0
 
 
 @dataclass(frozen=True)
@@ -71,12 +73,13 @@ def all_rows(
     factor: np.ndarray | None = None,
     late_s: float = 0.0,
     pace: float = 1.0,
+    zeros_rad: np.ndarray | float = 0.0,
     *,
     held_out: bool | None = None,
 ) -> list[TorqueRows]:
     """Rows of each joint; positions times ``factor`` of shape (k,), torques as they are dated ``late_s`` after the motion.
 
-    ``pace`` is that of the clock.
+    ``pace`` is that of the clock, and ``zeros_rad`` is added to positions, shape (k,).
 
     ``held_out`` asks for one half of the stretches only.
     """
@@ -85,8 +88,8 @@ def all_rows(
         path, given, needed = told.episode.path, told.given, told.needed
         by = np.ones(path.position.shape[1]) if factor is None else factor
         velocity = path.velocity * by * pace
-        if factor is not None or pace != 1.0:
-            moved = (path.position * by, velocity, path.acceleration * by * pace**2)
+        if factor is not None or pace != 1.0 or np.any(zeros_rad):
+            moved = (path.position * by + zeros_rad, velocity, path.acceleration * by * pace**2)
             needed = needed + told.episode.plant.torque_nm(*moved) - told.episode.dynamics.torque_nm
         if late_s:
             given = np.stack([np.interp(path.time_s + late_s, path.time_s, column) for column in given.T], axis=1)

@@ -36,6 +36,7 @@ _POSITION_UNITS = {
     180.0 / np.pi: "are in rad, not in degrees",
     2.0 * np.pi: "are in turns, not in rad",
 }
+_ZEROS_RAD = {np.pi: "half a turn", np.pi / 2.0: "a quarter turn", -np.pi / 2.0: "a quarter turn"}
 _SLIDE_UNITS = {1e-3: "are in mm, not in m", 1e-2: "are in cm, not in m", 1e3: "are in m, not in mm", 1e2: "are in m, not in cm"}
 
 
@@ -71,7 +72,31 @@ def other_positions(data: Sequence[ToldEpisode], names: Sequence[str]) -> Iterat
             by = np.ones(k)
             by[list(joints)] = factor
             check = f"the sign of {who}" if factor < 0.0 else f"position_unit of {who}"
-            yield from with_torques(all_rows(data, by), names, f"the positions of {who} {said}", check, joints, by)
+            for found in with_torques(all_rows(data, by), names, f"the positions of {who} {said}", check, joints, by):
+                yield _as_told(found, data)
+
+
+def _as_told(found: Misreading, data: Sequence[ToldEpisode]) -> Misreading:
+    """What is left with other units, of joints that nothing drives in the units that are told.
+
+    Both sides of such a joint's equation are its own motion's: in a unit that makes it smaller whatever is left is smaller, too,
+    right or wrong. Where torques are given they say how large it has to be.
+    """
+    is_driven = np.any([told.given.any(axis=0) for told in data], axis=0)
+    by = np.where(is_driven, 1.0, np.abs(found.reading.positions))
+    return replace(found, after_nm=found.after_nm / by)
+
+
+def other_zeros(data: Sequence[ToldEpisode], names: Sequence[str]) -> Iterator[Misreading]:
+    """Hinges that count from another side: 0 may be up, down or level."""
+    same, plant = np.ones(len(names)), data[0].episode.plant
+    for j in np.flatnonzero(~plant.is_slide).tolist():
+        for by_rad, turn in _ZEROS_RAD.items():
+            zeros_rad = np.where(np.arange(len(names)) == j, by_rad, 0.0)
+            after = errors_of(all_rows(data, zeros_rad=zeros_rad))
+            said = f"the zero of {names[j]} is {turn} away from the model's"
+            check = f"zero of {names[j]}, and which way gravity pulls in the model,"
+            yield Misreading(said, check, (j,), after, Reading(same, same, zeros_rad=zeros_rad))
 
 
 def without_sign(rows: Sequence[TorqueRows]) -> list[int]:
@@ -132,8 +157,8 @@ def with_torques(
         checks.append(check_so)
     if foreign:
         who = listed([names[j] for j in foreign])
-        parts.append(f"the torques of {who} are mostly not the joint's own")
-        checks.append(f"what the torques of {who} hold")
+        parts.append(f"{_of_units(foreign, names)}, or the torques of {who} are mostly not the joint's own")
+        checks.append(f"torque_unit of {who} and what its torques hold")
     if parts:
         yield Misreading(" and ".join(parts), " and ".join(checks), touched, after, Reading(by, factors))
 
@@ -194,8 +219,11 @@ def other_clocks(data: Sequence[ToldEpisode]) -> Iterator[Misreading]:
     yield Misreading(said, "the clocks of positions and torques", joints, after, Reading(same, same, 1e-3 * late_ms))
 
 
-def other_paces(data: Sequence[ToldEpisode], told: Sequence[TorqueRows]) -> Iterator[Misreading]:
-    """A clock that runs slow or fast: what moves slower needs less torque for its inertia, and as much for gravity."""
+def other_paces(data: Sequence[ToldEpisode], told: Sequence[TorqueRows], names: Sequence[str]) -> Iterator[Misreading]:
+    """A clock that runs slow or fast: what moves slower needs less torque for its inertia, and as much for gravity.
+
+    So does a model with another inertia: where that of each joint by itself leaves about as little, both are said.
+    """
     slow, fast = (all_rows(data, pace=pace) for pace in (_PACES[0], _PACES[-1]))
     known = np.array([_PACES[0], 1.0, _PACES[-1]])
 
@@ -212,5 +240,10 @@ def other_paces(data: Sequence[ToldEpisode], told: Sequence[TorqueRows]) -> Iter
     pace, after = float(_PACES[best]), by_pace[best]
     if abs(pace - 1.0) > _LEAST_PACE:
         joints, same = tuple(np.flatnonzero(np.isfinite(after)).tolist()), np.ones(len(after))
-        said = f"a second of the recordings is {1.0 / pace:.3g} s"
-        yield Misreading(said, "the times or the rate of rows", joints, after, Reading(same, same, pace=pace))
+        more = {0: " or more", len(_PACES) - 1: " or less"}.get(best, "")
+        said, check = f"a second of the recordings is {1.0 / pace:.3g} s{more}", "the times or the rate of rows"
+        if all(left_with_rotor(told[j])[0] <= after[j] / FALLS_TO for j in joints):
+            who = listed([names[j] for j in joints])
+            said += f", or the model has too {'much' if pace < 1.0 else 'little'} inertia at {who}"
+            check += f" and the inertia of {who} in the model,"
+        yield Misreading(said, check, joints, after, Reading(same, same, pace=pace))

@@ -4,12 +4,13 @@ import re
 from collections.abc import Callable
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
 
 from sim_backend.reality_gap.knowledge.joint_effects import TORQUE_CONSTANT
 from sim_backend.reality_gap.knowledge.known_of_robot import UnknownRobot
-from sim_backend.reality_gap.recording import Recording
+from sim_backend.reality_gap.recording import JointSignals, Recording
 from sim_backend.reality_gap.subjects.joints.identification import study_joints
 from sim_backend.reality_gap.subjects.joints.laws.state import JointState
 from sim_backend.reality_gap.subjects.joints.verdicts.readings import TorqueRows, free_columns
@@ -17,6 +18,7 @@ from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_torques import 
 from sim_backend.reality_gap.subjects.joints.verdicts.ways_to_misread import PLAUSIBLE_FACTOR, with_torques, without_sign
 from sim_backend.reality_gap.verdict import VerdictKind
 from tests.unit.sim_backend.reality_gap.subjects.joints.inverse_arm import (
+    STEP_S,
     arm,
     friction,
     motion,
@@ -29,6 +31,7 @@ from tests.unit.sim_backend.reality_gap.subjects.joints.inverse_arm import (
 FRICTION_NM = (0.2, 0.1)
 Told = tuple[np.ndarray, np.ndarray]
 ELBOW = np.array([1.0, -1.0])
+LEVEL, UP = np.array([np.pi / 2.0, 0.0]), np.array([np.pi, 0.0])
 SHOULDER_S_TOO = np.array([[1.0, 10.0], [0.0, 1.0]])
 MISREAD: dict[str, tuple[Callable[[np.ndarray, np.ndarray], Told], str]] = {
     "torque turned": (lambda q, t: (q, -t), "the torques of shoulder and elbow have the opposite sign"),
@@ -39,6 +42,11 @@ MISREAD: dict[str, tuple[Callable[[np.ndarray, np.ndarray], Told], str]] = {
     "N cm": (lambda q, t: (q, 1e2 * t), "the torques of shoulder and elbow are 100 times smaller (as if N cm were read as N m)"),
     "ampere": (lambda q, t: (q, t / 0.1), "the torques of shoulder and elbow are 10 times smaller"),
     "another's torque": (lambda q, t: (q, t @ SHOULDER_S_TOO), "the torques of elbow are mostly not the joint's own"),
+    "counted from above": (lambda q, t: (q + UP, t), "the zero of shoulder is half a turn away from the model's"),
+    "counted from the level": (
+        lambda q, t: (q - [np.pi / 2.0, 0.0], t),
+        "the zero of shoulder is a quarter turn away from the model's",
+    ),
     "degrees": (lambda q, t: (np.degrees(q), t), "the positions of shoulder and elbow are in degrees, not in rad"),
     "one in degrees": (lambda q, t: (q * [1.0, 180 / np.pi], t), "the positions of elbow are in degrees, not in rad"),
     "late torque": (lambda q, t: (q, np.roll(t, 10, axis=0)), "the torques acted 20 ms earlier than they are dated"),
@@ -159,6 +167,63 @@ def test_a_clock_that_runs_slow_or_fast_is_said(told_s, is_said):
     verdict = verdict_of([replace(r, step_s=told_s * r.step_s, time_s=told_s * r.time_s) for r in recordings])
     assert (verdict.misreads == f"a second of the recordings is {1.0 / told_s:.3g} s") is is_said
     assert bool(verdict.misreads) is is_said and (verdict.causes == ()) is is_said
+
+
+def swings(model: mujoco.MjModel, seconds: float = 6.0) -> np.ndarray:
+    """Angles of a pendulum that is let go from level, at 50 Hz in steps of a 4096th of a turn, shape (t,), rad."""
+    data, steps = mujoco.MjData(model), round(0.02 / model.opt.timestep)
+    data.qpos[0], found = 1.6, []
+    for _ in range(round(seconds / 0.02)):
+        found.append(data.qpos[0])
+        mujoco.mj_step(model, data, steps)
+    return np.round(np.array(found) * 4096 / (2.0 * np.pi)) * 2.0 * np.pi / 4096
+
+
+def rod(inertia: float = 1.0) -> mujoco.MjModel:
+    """A rod of 0.383 m; its inertia about its centre is told with a factor."""
+    about = inertia * 0.087 * 0.383**2 / 12.0
+    return mujoco.MjModel.from_xml_string(
+        '<mujoco><option timestep="0.0005"/><worldbody><body><joint name="hinge" axis="0 1 0" damping="1e-4"/>'
+        f'<inertial pos="0 0 -0.1915" mass="0.087" diaginertia="{about} {about} 1e-7"/></body></worldbody></mujoco>'
+    )
+
+
+@pytest.mark.parametrize(
+    ("inertia", "by", "zero_rad", "said"),
+    [
+        (2.0, 1.0, 0.0, ""),
+        (1.0, 1.0, np.pi, "the zero of hinge is half a turn away from the model's"),
+        (1.0, 180.0 / np.pi, 0.0, "the positions of hinge are in degrees, not in rad"),
+    ],
+    ids=["inertia", "up", "degrees"],
+)
+def test_a_swing_that_nothing_drives_is_not_nearer_because_its_numbers_are_smaller(inertia, by, zero_rad, said):
+    """In any smaller unit such a joint's equation leaves less, and the sine of gravity leaves nothing."""
+    position = (by * swings(rod()) + zero_rad)[:, None]
+    joints = JointSignals(("hinge",), position, measured_torque_nm=np.zeros_like(position))
+    told = Recording("swing", "pole.csv", 0.02, 0.02 * np.arange(len(position)), joints)
+    verdict = judge(study_joints(rod(inertia), [told], lambda *_: None, robot=UnknownRobot())).verdict
+    assert verdict.misreads == said
+
+
+def test_a_model_with_another_inertia_is_said_beside_another_clock_where_both_do_as_well():
+    """Of one joint they are the same: a clock slows down what inertia takes, and gravity takes as much as before."""
+    position = motion(1, seconds=2.8) * [1.0, 0.0]
+    recorded_nm, model = torques_nm(position)[0], arm()
+    model.dof_armature[0] += 0.06
+    joints = JointSignals(("shoulder",), position[:, :1], measured_torque_nm=recorded_nm[:, :1])
+    short = Recording("run", "arm.csv", STEP_S, STEP_S * np.arange(len(position)), joints)
+    verdict = judge(study_joints(model, [short], lambda *_: None, robot=UnknownRobot())).verdict
+    said = r"a second of the recordings is 1\.\d+ s(?: or more)?, or the model has too much inertia at shoulder"
+    assert re.fullmatch(said, verdict.misreads)
+
+
+def test_signs_show_where_rows_are_too_few_for_causes():
+    """Of a torque that is turned there is no doubt, in less than a motion that tells frictions apart, too."""
+    position = motion(1, seconds=2.8)
+    torque, _ = torques_nm(position)
+    verdict = verdict_of([recording(position, -torque, 1)])
+    assert verdict.misreads.startswith("the torques of shoulder and elbow have the opposite sign")
 
 
 def test_between_a_motors_constant_and_another_unit_there_is_no_factor_that_nobody_asks_for():
