@@ -69,7 +69,7 @@ def with_share_of_all(verdict: Verdict, names: Sequence[str], is_driven: Sequenc
 
 
 def _of_one_link(verdict: Verdict) -> Verdict:
-    """A verdict in which both are possible: no pose tells a single link's mass from its motor's constant, as it does of several."""
+    """A verdict in which both are possible: no pose tells a single link's mass from its motor's constant."""
     pose = separated_by(MASS[0], CONSTANT[0], "")
 
     def told(rival: Rival) -> Rival:

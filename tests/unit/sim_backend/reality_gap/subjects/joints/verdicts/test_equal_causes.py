@@ -49,7 +49,8 @@ def test_the_mass_of_a_single_link_may_be_its_torque_where_rollouts_could_not_as
 def test_poses_are_not_said_to_tell_a_single_link_from_its_motor():
     pose = separated_by("link_mass", "torque_constant", "")
     both, rival = masses(("upper", 1.2)).causes + constants(("upper", -0.17)).causes, Rival("torque_constant", "upper", 0.1, pose)
-    open_ = Verdict(VerdictKind.CONFUSABLE, "Either.", causes=both, runner_up=rival, rejected=(rival,), record_next=(pose, "slowly"))
+    more = {"runner_up": rival, "rejected": (rival,), "record_next": (pose, "slowly")}
+    open_ = Verdict(VerdictKind.CONFUSABLE, "Either.", causes=both, **more)
     found = with_share_of_all(open_, ("upper",), (True,), TOLERATED)
     assert found.runner_up is not None and found.runner_up == found.rejected[0]
     assert "payload of known mass" in found.runner_up.separated_by and "payload of known mass" in found.record_next[0]
