@@ -17,6 +17,7 @@ from sim_backend.reality_gap.subjects.joints.laws.state import JointState
 from sim_backend.reality_gap.subjects.joints.rollouts.open_loop import Losses, Motion, Rollouts, windows_of
 from sim_backend.reality_gap.subjects.joints.torques.counted_rows import near_end
 from sim_backend.reality_gap.subjects.joints.torques.equations import EpisodeEquations
+from sim_backend.reality_gap.subjects.joints.verdicts.heavier_links import or_heavier_link
 from sim_backend.reality_gap.subjects.joints.verdicts.readings import (
     FEWEST_ROWS,
     Reading,
@@ -73,9 +74,9 @@ def misreading(
     right = _that_roll_out(right, data)
     if not right:
         return None
-    left = np.array([float(np.nanmean(np.log(m.after_nm / told))) for m in right])
+    left = np.array([float(np.nanmean(np.log(m.after_nm / (np.abs(m.reading.torques) * told)))) for m in right])
     same = [m for m, value in zip(right, left, strict=True) if value < left.min() + _SAME]
-    return _either(same)
+    return or_heavier_link(_either(same), data, names)
 
 
 def _that_roll_out(found: Sequence[Misreading], data: Sequence[ToldEpisode]) -> list[Misreading]:

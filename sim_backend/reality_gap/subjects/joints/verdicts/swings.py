@@ -53,6 +53,8 @@ def perhaps_another_pace(study: JointStudy, causes: Sequence[Cause]) -> list[Dou
     if min(sizes) == 0.0 or float(nominal @ fitted) < _SAME_WAY * sizes[0] * sizes[1]:
         return []
     other = f"a second of the recordings is {np.sqrt(sizes[1] / sizes[0]):.3g} s: where nothing drives a joint both look alike"
+    if len(plant.names) == 1:
+        other = f"{other}, and so does {sizes[0] / sizes[1]:.2g} times the model's inertia"
     return [Doubt(cause, other, "the times or the rate of rows, beside another clock") for cause in found.values()]
 
 

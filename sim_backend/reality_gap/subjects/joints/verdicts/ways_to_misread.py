@@ -20,6 +20,8 @@ from sim_backend.reality_gap.subjects.joints.verdicts.wording import listed
 
 FALLS_TO = 0.7
 """A reading must leave no more of a joint's error than this: less than half of its variance. Right ones leave next to nothing."""
+_BALANCE = 0.5
+"""Of what a joint's inertia takes that nothing drives: a right reading leaves less, as friction and a constant are free."""
 _NONE, _STRAY = 0.1, 0.01
 """A share of a joint's usual torque that is about none, and so many rows may be astray."""
 _LATEST_S, _CLOCK_STEP_S = 0.1, 0.002
@@ -72,18 +74,21 @@ def other_positions(data: Sequence[ToldEpisode], names: Sequence[str]) -> Iterat
             by = np.ones(k)
             by[list(joints)] = factor
             check = f"the sign of {who}" if factor < 0.0 else f"position_unit of {who}"
-            for found in with_torques(all_rows(data, by), names, f"the positions of {who} {said}", check, joints, by):
-                yield _as_told(found, data)
+            found = with_torques(all_rows(data, by), names, f"the positions of {who} {said}", check, joints, by)
+            yield from (_as_told(each, data) for each in found if _balances(each, data))
 
 
 def _as_told(found: Misreading, data: Sequence[ToldEpisode]) -> Misreading:
     """What is left with other units, of joints that nothing drives in the units that are told.
 
     Both sides of such a joint's equation are its own motion's: in a unit that makes it smaller whatever is left is smaller, too,
-    right or wrong. Where torques are given they say how large it has to be.
+    right or wrong, and in one that makes it larger is larger, unless a motor elsewhere moves it. Where torques are given they say
+    how large it has to be.
     """
-    is_driven = np.any([told.given.any(axis=0) for told in data], axis=0)
-    by = np.where(is_driven, 1.0, np.abs(found.reading.positions))
+    is_driven, plant = _driven(data), data[0].episode.plant
+    is_moved = np.array([is_driven[plant.same_tree(j)].any() for j in range(len(is_driven))])
+    by = np.abs(found.reading.positions)
+    by = np.where(is_driven, 1.0, np.where(is_moved, np.minimum(by, 1.0), by))
     return replace(found, after_nm=found.after_nm / by)
 
 
@@ -94,9 +99,28 @@ def other_zeros(data: Sequence[ToldEpisode], names: Sequence[str]) -> Iterator[M
         for by_rad, turn in _ZEROS_RAD.items():
             zeros_rad = np.where(np.arange(len(names)) == j, by_rad, 0.0)
             after = errors_of(all_rows(data, zeros_rad=zeros_rad))
-            said = f"the zero of {names[j]} is {turn} away from the model's"
-            check = f"zero of {names[j]}, and which way gravity pulls in the model,"
-            yield Misreading(said, check, (j,), after, Reading(same, same, zeros_rad=zeros_rad))
+            said, check = f"the zero of {names[j]} is {turn} away from the model's", f"zero of {names[j]}"
+            if (root := plant.root()) is not None and root[0] == j:
+                said, check = f"{said}, or gravity pulls another way", f"{check}, and which way gravity pulls in the model,"
+            found = Misreading(said, check, (j,), after, Reading(same, same, zeros_rad=zeros_rad))
+            if _balances(found, data):
+                yield found
+
+
+def _balances(found: Misreading, data: Sequence[ToldEpisode]) -> bool:
+    """Whether what nothing drives leaves far less than its own inertia takes; else it is not read right, but with less in it."""
+    squares, rows = np.zeros(len(found.after_nm)), np.zeros(len(found.after_nm))
+    for told in data:
+        inertia, counts = np.diagonal(told.episode.dynamics.by_acceleration, axis1=1, axis2=2), told.episode.valid_mechanics
+        squares += (np.where(counts, inertia * told.episode.path.acceleration, 0.0) ** 2).sum(axis=0)
+        rows += counts.sum(axis=0)
+    own_nm = np.abs(found.reading.positions) * np.sqrt(squares / np.maximum(rows, 1.0))
+    is_driven = _driven(data)
+    return all(is_driven[j] or found.after_nm[j] <= _BALANCE * own_nm[j] for j in found.joints if np.isfinite(found.after_nm[j]))
+
+
+def _driven(data: Sequence[ToldEpisode]) -> np.ndarray:
+    return np.any([told.given.any(axis=0) for told in data], axis=0)
 
 
 def without_sign(rows: Sequence[TorqueRows]) -> list[int]:
@@ -212,8 +236,7 @@ def other_clocks(data: Sequence[ToldEpisode]) -> Iterator[Misreading]:
     best = int(np.argmin([float(np.nansum(np.log(error))) for error in errors]))
     late_ms, after = 1e3 * shifts_s[best], errors[best]
     when = "later" if late_ms < 0.0 else "earlier"
-    is_driven = np.any([told.given.any(axis=0) for told in data], axis=0)
-    joints = tuple(np.flatnonzero(np.isfinite(after) & is_driven).tolist())
+    joints = tuple(np.flatnonzero(np.isfinite(after) & _driven(data)).tolist())
     said = f"the torques acted {abs(late_ms):.3g} ms {when} than they are dated"
     same = np.ones(len(after))
     yield Misreading(said, "the clocks of positions and torques", joints, after, Reading(same, same, 1e-3 * late_ms))

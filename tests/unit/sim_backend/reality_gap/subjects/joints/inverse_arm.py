@@ -35,9 +35,9 @@ def motion(seed: int, seconds: float = 5.0, sizes=(0.8, 0.8), offsets=(0.0, 0.0)
     return np.array(offsets) + np.array(sizes) * np.stack(sines, axis=1) / np.sqrt(6.0)
 
 
-def torques_nm(position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Torques that a healthy arm needs, and its velocities; shapes (s, 2)."""
-    model = arm()
+def torques_nm(position: np.ndarray, model: mujoco.MjModel | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Torques that a healthy arm needs, or another one, and its velocities; shapes (s, 2)."""
+    model = arm() if model is None else model
     velocity = np.gradient(position, STEP_S, axis=0)
     acceleration = np.gradient(velocity, STEP_S, axis=0)
     data, torque = mujoco.MjData(model), np.empty_like(position)

@@ -13,6 +13,7 @@ from sim_backend.reality_gap.knowledge.known_of_robot import UnknownRobot
 from sim_backend.reality_gap.recording import JointSignals, Recording
 from sim_backend.reality_gap.subjects.joints.identification import study_joints
 from sim_backend.reality_gap.subjects.joints.laws.state import JointState
+from sim_backend.reality_gap.subjects.joints.slides import Slides
 from sim_backend.reality_gap.subjects.joints.verdicts.readings import TorqueRows, free_columns
 from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_torques import judge
 from sim_backend.reality_gap.subjects.joints.verdicts.ways_to_misread import PLAUSIBLE_FACTOR, with_torques, without_sign
@@ -179,12 +180,13 @@ def swings(model: mujoco.MjModel, seconds: float = 6.0) -> np.ndarray:
     return np.round(np.array(found) * 4096 / (2.0 * np.pi)) * 2.0 * np.pi / 4096
 
 
-def rod(inertia: float = 1.0) -> mujoco.MjModel:
+def rod(inertia: float = 1.0, damping: float = 0.0) -> mujoco.MjModel:
     """A rod of 0.383 m; its inertia about its centre is told with a factor."""
     about = inertia * 0.087 * 0.383**2 / 12.0
+    inertial = f'<inertial pos="0 0 -0.1915" mass="0.087" diaginertia="{about} {about} 1e-7"/>'
     return mujoco.MjModel.from_xml_string(
-        '<mujoco><option timestep="0.0005"/><worldbody><body><joint name="hinge" axis="0 1 0" damping="1e-4"/>'
-        f'<inertial pos="0 0 -0.1915" mass="0.087" diaginertia="{about} {about} 1e-7"/></body></worldbody></mujoco>'
+        '<mujoco><option timestep="0.0005"/><worldbody><body>'
+        f'<joint name="hinge" axis="0 1 0" damping="{damping}"/>{inertial}</body></worldbody></mujoco>'
     )
 
 
@@ -192,18 +194,76 @@ def rod(inertia: float = 1.0) -> mujoco.MjModel:
     ("inertia", "by", "zero_rad", "said"),
     [
         (2.0, 1.0, 0.0, ""),
-        (1.0, 1.0, np.pi, "the zero of hinge is half a turn away from the model's"),
+        (1.0, 1.0, np.pi, "the zero of hinge is half a turn away from the model's, or gravity pulls another way"),
         (1.0, 180.0 / np.pi, 0.0, "the positions of hinge are in degrees, not in rad"),
     ],
     ids=["inertia", "up", "degrees"],
 )
 def test_a_swing_that_nothing_drives_is_not_nearer_because_its_numbers_are_smaller(inertia, by, zero_rad, said):
     """In any smaller unit such a joint's equation leaves less, and the sine of gravity leaves nothing."""
-    position = (by * swings(rod()) + zero_rad)[:, None]
+    position = (by * swings(rod(damping=1e-4)) + zero_rad)[:, None]
     joints = JointSignals(("hinge",), position, measured_torque_nm=np.zeros_like(position))
     told = Recording("swing", "pole.csv", 0.02, 0.02 * np.arange(len(position)), joints)
     verdict = judge(study_joints(rod(inertia), [told], lambda *_: None, robot=UnknownRobot())).verdict
     assert verdict.misreads == said
+
+
+def test_of_a_joint_without_gravity_torques_in_another_unit_are_said_beside_positions():
+    """A wheel that moves 57 times as far takes 57 times the torque."""
+    wheel = mujoco.MjModel.from_xml_string(
+        '<mujoco><worldbody><body><joint name="hinge" axis="0 0 1"/>'
+        '<inertial pos="0 0 0" mass="1" diaginertia=".1 .1 .1"/></body></worldbody></mujoco>'
+    )
+    position = motion(1, seconds=8.0)[:, :1]
+    torque = 0.1 * np.gradient(np.gradient(position, STEP_S, axis=0), STEP_S, axis=0)
+    joints = JointSignals(("hinge",), np.radians(position), measured_torque_nm=torque)
+    told = Recording("wheel", "wheel.csv", STEP_S, STEP_S * np.arange(len(position)), joints)
+    said = judge(study_joints(wheel, [told], lambda *_: None, robot=UnknownRobot())).verdict.misreads
+    assert "the torques of hinge are 57.3 times smaller" in said
+    assert "the positions of hinge are in rad, not in degrees" in said
+
+
+def test_a_payload_that_the_model_lacks_is_no_unit_of_torques():
+    recordings = []
+    for seed in (1, 2):
+        position = motion(seed)
+        loaded = arm()
+        loaded.body_mass[2] *= 3.0
+        loaded.body_inertia[2] *= 3.0
+        torque, velocity = torques_nm(position, loaded)
+        recordings.append(recording(position, torque + friction(velocity, FRICTION_NM), seed))
+    verdict = verdict_of(recordings)
+    assert (verdict.misreads, verdict.causes) == ("what elbow moves is 3 times as heavy as in the model", ())
+    assert "the mass that elbow carries" in verdict.record_next[0]
+
+
+def cart_pole() -> mujoco.MjModel:
+    """A cart on a rail with a pole that hangs."""
+    return mujoco.MjModel.from_xml_string(
+        '<mujoco><option timestep="0.001"/><worldbody><body><joint name="cart" type="slide" axis="1 0 0" damping="5"/>'
+        '<inertial pos="0 0 0" mass="1" diaginertia=".01 .01 .01"/><body><joint name="pole" axis="0 1 0" damping="1e-3"/>'
+        '<inertial pos="0 0 -0.2" mass="0.1" diaginertia="1e-3 1e-3 1e-4"/></body></body></worldbody>'
+        '<actuator><motor joint="cart"/></actuator></mujoco>'
+    )
+
+
+def test_columns_of_two_joints_that_were_exchanged_are_no_unit():
+    """What a motor elsewhere moves does not move less in smaller numbers."""
+    model = cart_pole()
+    data, found = mujoco.MjData(model), []
+    for time_s in np.arange(0.0, 8.0, 0.01):
+        data.ctrl[0] = 12.0 * np.sin(6.0 * time_s) + 6.0 * np.sin(11.4 * time_s) - 20.0 * data.qpos[0]
+        found.append((*data.qpos, data.ctrl[0]))
+        mujoco.mj_step(model, data, 10)
+    cart_m, pole_rad, force_n = np.array(found).T
+    slides = Slides.of(model, ("cart", "pole"))
+    exchanged = np.stack([pole_rad, cart_m], axis=1)
+    joints = JointSignals(("cart", "pole"), exchanged, commanded_torque_nm=np.stack([force_n, np.zeros_like(force_n)], axis=1))
+    told = Recording("run", "cart.csv", 0.01, 0.01 * np.arange(len(cart_m)), joints)
+    verdict = judge(
+        study_joints(slides.model_as_hinges(model), [slides.as_hinges(told)], lambda *_: None, robot=UnknownRobot())
+    ).verdict
+    assert (verdict.verdict, verdict.misreads) == (VerdictKind.UNEXPLAINED, "")
 
 
 def test_a_model_with_another_inertia_is_said_beside_another_clock_where_both_do_as_well():
