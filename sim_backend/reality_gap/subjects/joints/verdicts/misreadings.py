@@ -48,7 +48,12 @@ _WINDOW_S, _MOST_WINDOWS = 0.4, 120
 
 
 def misreading(
-    episodes: Sequence[EpisodeEquations], start: JointState, names: Sequence[str], left_nm: np.ndarray
+    episodes: Sequence[EpisodeEquations],
+    start: JointState,
+    names: Sequence[str],
+    left_nm: np.ndarray,
+    *,
+    with_clocks: bool = True,
 ) -> Misreading | None:
     """The reading of the data that leaves the least, None if none leaves far less than the data as they are told.
 
@@ -57,6 +62,7 @@ def misreading(
         start: the nominal model.
         names: of the joints.
         left_nm: torque error that the best explanation so far leaves at each joint, shape (k,), N m.
+        with_clocks: whether clocks are asked for, too; they take more rows than signs, zeros and units.
     """
     data = [told_by(episode, start) for episode in episodes]
     rows = all_rows(data)
@@ -67,7 +73,7 @@ def misreading(
     found = [*with_torques(rows, names, "", "", (), np.ones(len(names))), *other_positions(data, names)]
     found += other_zeros(data, names)
     right = [m for m in found if _is_far_better(m, told, FALLS_TO * limit)]
-    clocks = [*other_clocks(data), *other_paces(data, rows, names)]
+    clocks = [*other_clocks(data), *other_paces(data, rows, names)] if with_clocks else []
     right += [m for m in clocks if _is_far_better(m, told, CLOCK_FALLS_TO * limit)]
     if not right:
         return None

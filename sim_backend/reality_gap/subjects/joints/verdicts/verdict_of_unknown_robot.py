@@ -219,7 +219,10 @@ def _misread(study: JointStudy, agreement: Agreement, verdict: Verdict) -> Verdi
     """What is said where the data are not as they are told: whatever was fitted took over a part of that. None if they are."""
     names = study.problem.names
     rows = all_rows([told_by(episode, study.start) for episode in study.problem.episodes])
-    if unsigned := [names[j] for j in without_sign(rows) if agreement.was_far[j]]:
+    one_sided, are_few = without_sign(rows), not agreement.is_judged.any()
+    if are_few and one_sided:
+        return None  # of so few rows on one side nobody knows whether they lost their sign, or have the other one
+    if unsigned := [names[j] for j in one_sided if agreement.was_far[j]]:
         who = listed(unsigned)
         why = (
             f"The torques of {who} never change their sign; with the signs that the motion asks for the model agrees far better."
@@ -227,7 +230,7 @@ def _misread(study: JointStudy, agreement: Agreement, verdict: Verdict) -> Verdi
         said, follows, check = f"the torques of {who} are sizes without a sign", (), f"what the torques of {who} hold"
     else:
         left = agreement.after if verdict.causes else np.full(len(agreement.after), np.inf)
-        found = misreading(study.problem.episodes, study.start, names, left)
+        found = misreading(study.problem.episodes, study.start, names, left, with_clocks=not are_few)
         if found is None:
             return None
         said, follows, check = found.said, (found.said,), f"{found.check} in study.toml and in whatever wrote the data"

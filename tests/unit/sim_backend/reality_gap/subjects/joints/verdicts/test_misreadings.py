@@ -14,6 +14,7 @@ from sim_backend.reality_gap.recording import JointSignals, Recording
 from sim_backend.reality_gap.subjects.joints.identification import study_joints
 from sim_backend.reality_gap.subjects.joints.laws.state import JointState
 from sim_backend.reality_gap.subjects.joints.slides import Slides
+from sim_backend.reality_gap.subjects.joints.verdicts.misreadings import misreading
 from sim_backend.reality_gap.subjects.joints.verdicts.readings import TorqueRows, free_columns
 from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_torques import judge
 from sim_backend.reality_gap.subjects.joints.verdicts.ways_to_misread import PLAUSIBLE_FACTOR, with_torques, without_sign
@@ -268,14 +269,26 @@ def test_columns_of_two_joints_that_were_exchanged_are_no_unit():
 
 def test_a_model_with_another_inertia_is_said_beside_another_clock_where_both_do_as_well():
     """Of one joint they are the same: a clock slows down what inertia takes, and gravity takes as much as before."""
-    position = motion(1, seconds=2.8) * [1.0, 0.0]
-    recorded_nm, model = torques_nm(position)[0], arm()
-    model.dof_armature[0] += 0.06
-    joints = JointSignals(("shoulder",), position[:, :1], measured_torque_nm=recorded_nm[:, :1])
-    short = Recording("run", "arm.csv", STEP_S, STEP_S * np.arange(len(position)), joints)
-    verdict = judge(study_joints(model, [short], lambda *_: None, robot=UnknownRobot())).verdict
+    model, recordings = arm(), []
+    model.body_inertia[1] += 0.06
+    for seed in (1, 2):
+        position = motion(seed) * [1.0, 0.0]
+        joints = JointSignals(("shoulder",), position[:, :1], measured_torque_nm=torques_nm(position)[0][:, :1])
+        recordings.append(Recording(f"run {seed}", "arm.csv", STEP_S, STEP_S * np.arange(len(position)), joints))
+    study = study_joints(model, recordings, lambda *_: None, robot=UnknownRobot())
+    found = misreading(study.problem.episodes, study.start, study.problem.names, np.full(1, np.inf))
     said = r"a second of the recordings is 1\.\d+ s(?: or more)?, or the model has too much inertia at shoulder"
-    assert re.fullmatch(said, verdict.misreads)
+    assert found is not None
+    assert re.fullmatch(said, found.said)
+
+
+@pytest.mark.parametrize("pace", [1.0, 1.2])
+def test_clocks_and_torques_on_one_side_are_not_judged_by_few_rows(pace):
+    position = motion(1, seconds=2.8)
+    torque, _ = torques_nm(position)
+    short = recording(position, torque if pace != 1.0 else np.abs(torque), 1)
+    told = replace(short, step_s=pace * short.step_s, time_s=pace * short.time_s)
+    assert verdict_of([told]).misreads == ""
 
 
 def test_signs_show_where_rows_are_too_few_for_causes():
