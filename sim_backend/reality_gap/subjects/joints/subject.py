@@ -36,6 +36,7 @@ from sim_backend.reality_gap.subjects.joints.verdicts.equal_causes import (
 from sim_backend.reality_gap.subjects.joints.verdicts.filtered_loops import without_loops_of_filters
 from sim_backend.reality_gap.subjects.joints.verdicts.judged import not_judged
 from sim_backend.reality_gap.subjects.joints.verdicts.needed_causes import with_needed_causes
+from sim_backend.reality_gap.subjects.joints.verdicts.stated_dampings import perhaps_other_damping, plain_dampings
 from sim_backend.reality_gap.subjects.joints.verdicts.swings import perhaps_another_pace, perhaps_less_inertia
 from sim_backend.reality_gap.subjects.joints.verdicts.torques_and_rollouts import (
     in_both,
@@ -178,7 +179,9 @@ def _with_torques(found: JointStudy, torques: Verdict, rollouts: Verdict) -> Ver
 
     late_columns = of_smoothed(rollouts.causes, between.smoothed, nominal)
     swings = [*perhaps_less_inertia(found, rollouts.causes), *perhaps_another_pace(found, rollouts.causes)]
-    doubts = [*between.doubts, *late_columns, *sensors_of_two(found, torques.causes), *swings]
+    row_s = max(episode.path.step_s for episode in found.problem.episodes)
+    damped = perhaps_other_damping(rollouts.causes, found.problem.names, _plain_dampings(found), nominal, row_s)
+    doubts = [*between.doubts, *late_columns, *sensors_of_two(found, torques.causes), *swings, *damped]
     unlike = [*between.unlike, *_unlike_laws(found)]
     both = with_unlike_torques(in_both(torques, rollouts, [*between.causes, *of_velocities], doubts), unlike)
     return replace(both, cannot_tell=(*both.cannot_tell, *between.open, *left_open))
@@ -211,6 +214,13 @@ def _damping_of_controllers(found: JointStudy) -> np.ndarray:
     if not laws:
         return np.full(len(found.problem.names), np.nan)
     return np.asarray(np.median(np.concatenate([law.damping_nm_s_rad for law in laws]), axis=0))
+
+
+def _plain_dampings(found: JointStudy) -> np.ndarray:
+    """As stated, of controllers that send nothing else, where nobody recorded what they sent, shape (k,); NaN elsewhere."""
+    laws = [law for episode in found.problem.episodes if (law := episode.path.joints.feedback) is not None]
+    plain = plain_dampings(laws) if laws else np.nan
+    return np.where(_unrecorded_controllers(found), plain, np.nan)
 
 
 def _not_simulated(found: JointStudy, torques: Verdict) -> Verdict:

@@ -5,7 +5,7 @@ wrong. A rollout starts where the robot was, is driven by the same torques, and 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import mujoco
 import numpy as np
@@ -15,6 +15,8 @@ from sim_backend.driver.native_control import silence_warnings
 from sim_backend.reality_gap.subjects.joints.laws.plant import Plant
 
 _LONGEST_STEP_S = 0.002
+_STILL = 5.0
+"""Times the noise of its positions that a joint seems to move, at most, while it keeps still."""
 _HELD_KG_M2 = 1e6
 """Armature of joints that were not recorded: they rest."""
 _APPLIED = int(mujoco.mjtState.mjSTATE_QFRC_APPLIED)
@@ -28,6 +30,7 @@ class Motion:
         position, velocity, torque: shape (s, k); rad, rad/s and N m.
         step_s: between samples.
         known: samples in which all of it was measured, shape (s,).
+        noise: of the positions, rad, shape (k,) or ().
     """
 
     position: np.ndarray
@@ -35,6 +38,7 @@ class Motion:
     torque: np.ndarray
     step_s: float
     known: np.ndarray
+    noise: np.ndarray = field(default_factory=lambda: np.zeros(()))
 
 
 @dataclass(frozen=True)
@@ -61,7 +65,7 @@ class Rollouts:
         """How far each joint is from where it was, as a share of how far it moved, in each window; shape (w, k).
 
         Both are root mean squares over the window. Where a simulation diverges the share is infinite, where a joint keeps still
-        in a window it is NaN.
+        in a window, but for what its sensor makes of that, it is NaN.
 
         Args:
             motions: recordings.
@@ -91,7 +95,7 @@ class Rollouts:
             was = motion.position[rows + 1]
             left = np.sqrt(np.mean((went - was) ** 2, axis=1))
         moved = np.sqrt(np.mean((was - motion.position[starts][:, None]) ** 2, axis=1))
-        return np.where(np.isfinite(left), left, np.inf) / np.where(moved > 0.0, moved, np.nan)
+        return np.where(np.isfinite(left), left, np.inf) / np.where(moved > _STILL * motion.noise, moved, np.nan)
 
     def _model(self, step_s: float, losses: Losses) -> mujoco.MjModel:
         model = self._plant.forward_model()

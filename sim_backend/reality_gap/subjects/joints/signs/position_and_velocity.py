@@ -29,6 +29,8 @@ _BESIDE = (0.0, 0.5, 1.0)
 _EXPLAINED = 0.5
 """Share of what reported velocity and the slope of positions differ by that a filter must take away."""
 _LEAST_NUMBERS = 50.0
+_OTHER, _SURELY = 0.5, 4.0
+"""A multiple of the slope further from 1 than this is another unit, sign or column, if it is so by so many standard errors."""
 
 _Late = tuple[float, float]
 """How late, s, and the mean square that is left."""
@@ -44,6 +46,8 @@ class Reported:
         delayed: best delay at all.
         filtered: time constant of the best filter.
         filter_error_s: its standard error.
+        multiple: of the slope, by as late as its best filter or delay, that it is nearest to.
+        multiple_error: its standard error.
     """
 
     numbers: float
@@ -51,6 +55,8 @@ class Reported:
     delayed: _Late
     filtered: _Late
     filter_error_s: float
+    multiple: float
+    multiple_error: float
 
     def gain_over(self, other: _Late) -> float:
         """What a filter gains over a delay, nats."""
@@ -61,6 +67,11 @@ class Reported:
         """Whether it is later than tables make velocities, by a filter or not."""
         over = 0.5 * self.numbers * float(np.log(self.as_written[1] / min(self.filtered[1], self.delayed[1])))
         return over > GATE and self.filtered[0] > 0.0
+
+    @property
+    def is_other(self) -> bool:
+        """Whether it is no velocity of this joint in this unit, however late."""
+        return abs(self.multiple - 1.0) > _OTHER + _SURELY * self.multiple_error
 
     @property
     def is_filtered(self) -> bool:
@@ -86,13 +97,18 @@ def reported(paths: Sequence[Trajectory], joint: int) -> Reported | None:
     slopes = [_slope(path, joint) for path in known]
     compared = [(path, _velocity(path, joint)) for path in known]
 
-    def left(late_s: float, filter_s: float = 0.0) -> float:
-        squares, rows = 0.0, 0
+    def smoothed(late_s: float, filter_s: float) -> tuple[np.ndarray, np.ndarray]:
+        """Velocity, and the slope that is as late."""
+        both = []
         for (path, velocity), slope in zip(compared, slopes, strict=True):
             seen = _through(slope(path.recording.time_s - late_s), filter_s / path.step_s)
-            off = path.smoothed(velocity - seen)[path.valid[:, joint]]
-            squares, rows = squares + float(off @ off), rows + len(off)
-        return max(squares / rows, 1e-24)
+            both.append([path.smoothed(each)[path.valid[:, joint]] for each in (velocity, seen)])
+        velocities, seen = (np.concatenate([each[i] for each in both]) for i in range(2))
+        return velocities, seen
+
+    def left(late_s: float, filter_s: float = 0.0) -> float:
+        velocities, seen = smoothed(late_s, filter_s)
+        return max(float(np.mean((velocities - seen) ** 2)), 1e-24)
 
     as_written = _least(left, -0.5 * row_s, _ROWS_OF_TABLE * row_s)
     delayed = min(_least(left, -0.5 * row_s, _LONGEST_S), as_written, key=lambda found: found[1])
@@ -101,7 +117,19 @@ def reported(paths: Sequence[Trajectory], joint: int) -> Reported | None:
     by = max(0.05 * filter_s, 0.1 * row_s)
     bend = (left(late_s, filter_s + by) + left(late_s, max(filter_s - by, 0.0)) - 2.0 * least) / by**2
     error = float(np.sqrt(2.0 * least / (numbers * max(bend, 1e-30))))
-    return Reported(numbers, as_written, delayed, (filter_s, least), min(error, filter_s))
+    nearest = (late_s, filter_s) if least < delayed[1] else (delayed[0], 0.0)
+    return Reported(
+        numbers, as_written, delayed, (filter_s, least), min(error, filter_s), *_multiple(numbers, *smoothed(*nearest))
+    )
+
+
+def _multiple(numbers: float, velocity: np.ndarray, slope: np.ndarray) -> tuple[float, float]:
+    """The multiple of a slope that a velocity is nearest to, and its standard error; 1 of a joint that keeps still."""
+    square = float(np.mean(slope**2))
+    if square == 0.0:
+        return 1.0, np.inf
+    multiple = float(np.mean(velocity * slope)) / square
+    return multiple, float(np.sqrt(np.mean((velocity - multiple * slope) ** 2) / (numbers * square)))
 
 
 def _least(left: Callable[[float], float], low: float, high: float) -> _Late:
@@ -141,6 +169,10 @@ def causes_of_velocities(
     effect = FILTERED_VELOCITY.partition(".")[0]
     for j, name in enumerate(names):
         found = reported([e.path for e in episodes], j)
+        if found is not None and found.is_other:
+            what = f"{found.multiple:.2g} times the slope of its positions, as nearly as it is any"
+            open_.append(f"what the velocity of {name} is: {what}; check its column, its sign and its unit")
+            continue
         if found is None or not found.is_late:
             continue
         value = (found.filtered if found.is_filtered else found.delayed)[0]

@@ -44,6 +44,8 @@ _SAME = 0.05
 """Readings whose errors differ by less than this share do equally well."""
 _GOES_TO = 0.5
 """Of the rollouts' error that the data as they are told have: a right sign or unit leaves a tenth of it and less."""
+_STANDS = 1.0
+"""Of how far a joint moved: a model that ends up further off than one that stands still does not go where the robot went."""
 _WINDOW_S, _MOST_WINDOWS = 0.4, 120
 
 
@@ -91,12 +93,18 @@ def _that_roll_out(found: Sequence[Misreading], data: Sequence[ToldEpisode]) -> 
     told = _rollout_errors(data, Reading(np.ones(k), np.ones(k)))
     kept = []
     for each in found:
-        ratio = _rollout_errors(data, each.reading) / told
-        own = ratio[list(each.joints)]
+        share = _rollout_errors(data, each.reading)
+        ratio, own = share / told, list(each.joints)
         most = _GOES_TO if each.reading.pace == 1.0 else 1.0  # a clock that is a few per cent off is not all that is left
-        if np.nanmax(own, initial=np.inf if np.isnan(own).all() else 0.0) <= most and np.nanmean(np.log(ratio)) < 0.0:
+        goes = _largest(ratio[own]) <= most and _largest(share[own]) <= _STANDS
+        if goes and np.nanmean(np.log(ratio)) < 0.0:
             kept.append(each)
     return kept
+
+
+def _largest(values: np.ndarray) -> float:
+    """Of those that are known; infinite where none is."""
+    return float(np.nanmax(values, initial=np.inf if np.isnan(values).all() else 0.0))
 
 
 def _rollout_errors(data: Sequence[ToldEpisode], reading: Reading) -> np.ndarray:
@@ -108,8 +116,8 @@ def _rollout_errors(data: Sequence[ToldEpisode], reading: Reading) -> np.ndarray
             _, (coulomb[j], damping[j], offset[j]) = rms_left(
                 reading.torques[j] * of_joint.given - of_joint.needed, of_joint.free
             )
-    coulomb += np.sign(reading.positions) * data[0].coulomb_nm  # beside what was needed as the positions are told
-    damping += data[0].damping_nm_s_rad / (reading.positions * reading.pace)
+    coulomb += data[0].coulomb_nm  # beside what was needed, which has the model's friction
+    damping += data[0].damping_nm_s_rad / (np.abs(reading.positions) * reading.pace)
     losses = Losses(np.maximum(coulomb, 0.0), np.maximum(damping, 0.0), -offset)
     motions, starts = zip(*(_motion(told, reading) for told in data), strict=True)
     many = max(1, round(sum(map(len, starts)) / _MOST_WINDOWS))
@@ -130,7 +138,8 @@ def _motion(told: ToldEpisode, reading: Reading) -> tuple[Motion, np.ndarray]:
     known = np.repeat(good, path.every)[: len(time_s)]
     held_out = is_held_out(time_s - time_s[0])
     velocity, step_s = path.fast_velocity * reading.positions * reading.pace, path.step_s / reading.pace
-    motion = Motion(path.fast_position * reading.positions + reading.zeros_rad, velocity, torque, step_s, known)
+    noise = path.position_noise_rad * np.abs(reading.positions)
+    motion = Motion(path.fast_position * reading.positions + reading.zeros_rad, velocity, torque, step_s, known, noise)
     return motion, windows_of(motion, _WINDOW_S, _WINDOW_S / 2, held_out)
 
 

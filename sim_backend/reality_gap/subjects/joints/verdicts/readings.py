@@ -33,7 +33,8 @@ class Reading:
 class ToldEpisode:
     """One episode as it is told: torques given and needed, shapes (t, k), N m.
 
-    What is needed has the friction that the model has: ``coulomb_nm`` and ``damping_nm_s_rad``, shapes (k,).
+    What is needed has the friction that the model has: ``coulomb_nm`` and ``damping_nm_s_rad``, shapes (k,), which take
+    ``friction_nm`` of shape (t, k).
     """
 
     episode: EpisodeEquations
@@ -41,6 +42,7 @@ class ToldEpisode:
     needed: np.ndarray
     coulomb_nm: np.ndarray
     damping_nm_s_rad: np.ndarray
+    friction_nm: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -64,8 +66,10 @@ def is_held_out(time_s: np.ndarray) -> np.ndarray:
 def told_by(episode: EpisodeEquations, start: JointState) -> ToldEpisode:
     """An episode as it is told, by the nominal model."""
     given = episode.path.smoothed(episode.acting_nm).T
-    needed = given - episode.torque_error(start)
-    return ToldEpisode(episode, given, needed, start.value(COULOMB_FRICTION), start.value(VISCOUS_FRICTION))
+    error, joints = episode.torque_error(start), range(given.shape[1])
+    smooth = start.with_values({(key, j): 0.0 for key in (COULOMB_FRICTION, VISCOUS_FRICTION) for j in joints})
+    rubs = episode.torque_error(smooth) - error
+    return ToldEpisode(episode, given, given - error, start.value(COULOMB_FRICTION), start.value(VISCOUS_FRICTION), rubs)
 
 
 def all_rows(
@@ -91,6 +95,7 @@ def all_rows(
         if factor is not None or pace != 1.0 or np.any(zeros_rad):
             moved = (path.position * by + zeros_rad, velocity, path.acceleration * by * pace**2)
             needed = needed + told.episode.plant.torque_nm(*moved) - told.episode.dynamics.torque_nm
+            needed = needed - (1.0 - np.sign(by)) * told.friction_nm  # what is turned rubs the other way
         if late_s:
             given = np.stack([np.interp(path.time_s + late_s, path.time_s, column) for column in given.T], axis=1)
         counts = told.episode.valid_mechanics

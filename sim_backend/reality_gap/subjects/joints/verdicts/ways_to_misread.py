@@ -157,7 +157,8 @@ def with_torques(
         if not np.isfinite(after[j]):
             continue
         opposite, (free, factor, without) = left_with_factor(of_joint, -1.0), left_with_any_factor(of_joint)
-        if opposite <= FALLS_TO * after[j] and opposite <= free / FALLS_TO:
+        is_near = bool(joints) and free <= _UNIT_LEAVES * without and not _is_implausible(-factor)  # with a model a little off
+        if opposite <= FALLS_TO * after[j] and (opposite <= free / FALLS_TO or is_near):
             after[j], factors[j] = opposite, -1.0
             turned.append(j)
         elif not joints and free <= FALLS_TO * min(after[j], without) and _is_implausible(factor):

@@ -1,5 +1,7 @@
 """Rollouts of the model beside what was recorded, and what only they tell."""
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -49,6 +51,14 @@ def test_the_right_model_goes_where_the_arm_went():
 def test_neither_smaller_nor_larger_motion_is_easier(factor):
     read = [Motion(m.position * factor, m.velocity * factor, m.torque, m.step_s, m.known) for m in swings(3, 2.0)]
     assert np.all(np.median(shares(read), axis=0) > 0.02)
+
+
+def test_a_joint_that_keeps_still_but_for_its_sensor_has_no_share():
+    shape, noise = (1000, 2), np.array([1e-4, 1e-4])
+    position = noise * np.random.default_rng(3).standard_normal(shape)
+    rest = Motion(position, np.zeros(shape), np.zeros(shape), STEP_S, np.ones(len(position), bool), noise)
+    assert np.isnan(shares([rest])).all()
+    assert np.isfinite(shares([replace(rest, noise=0.01 * noise)])).all()
 
 
 def test_a_simulation_that_diverges_is_infinitely_far_and_writes_no_file(tmp_path, monkeypatch):

@@ -1,5 +1,6 @@
 """What positions say of reported velocities: filters are told from columns that are late, and from what tables do."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -73,3 +74,23 @@ def test_a_velocity_that_is_late_may_be_filtered(of_velocity, is_named):
     assert (late.effect, late.where, late.unit) == ("velocity_filter", "hinge", "s")
     assert late.value == pytest.approx(0.012, rel=0.1)
     assert bool(causes) == is_named != bool(perhaps) == bool(open_)
+
+
+@pytest.mark.parametrize("what", ["as it is", "noisy", "turned", "deg/s", "another's"])
+def test_a_velocity_of_something_else_is_said_and_is_no_filter(what):
+    path = path_of(0.004)
+    own = path.joints.velocity_rad_s
+    assert own is not None
+    at, rng = path.recording.time_s, np.random.default_rng(4)
+    told = {
+        "as it is": own,
+        "noisy": own + 3.0 * rng.standard_normal(own.shape),
+        "turned": -own,
+        "deg/s": np.degrees(own),
+        "another's": np.sin(3.1 * at)[:, None] + np.cos(7.7 * at)[:, None],
+    }[what]
+    recording = replace(path.recording, joints=replace(path.joints, velocity_rad_s=told))
+    causes, perhaps, open_ = causes_of_velocities([SimpleNamespace(path=trajectory(recording, cutoff_hz=12.0))], ("hinge",))
+    assert not causes and not perhaps
+    assert bool(open_) == (what in ("turned", "deg/s", "another's"))
+    assert all(said.startswith("what the velocity of hinge is: ") and "check its column" in said for said in open_)

@@ -299,6 +299,43 @@ def test_signs_show_where_rows_are_too_few_for_causes():
     assert verdict.misreads.startswith("the torques of shoulder and elbow have the opposite sign")
 
 
+@pytest.mark.parametrize("coulomb_nm", [(0.6, 0.05), (0.1, 0.3)])
+def test_an_arm_that_hangs_and_its_mirror_image_are_one_whatever_rubs_in_the_model(coulomb_nm):
+    model, recordings = arm(), []
+    model.dof_frictionloss[:] = coulomb_nm
+    for seed in (1, 2):
+        position = motion(seed)
+        torque, velocity = torques_nm(position)
+        recordings.append(recording(position * ELBOW, 1.02 * (torque + friction(velocity, coulomb_nm)) * ELBOW, seed))
+    verdict = judge(study_joints(model, recordings, lambda *_: None, robot=UnknownRobot())).verdict
+    turned = [f"{name} counts the other way round, position and torque" for name in ("shoulder", "elbow")]
+    assert verdict.misreads == ", or ".join(turned)
+
+
+def test_a_pendulum_that_comes_to_rest_in_air_is_not_told_in_degrees():
+    """What its sensor makes of rest says nothing about units, and nor does a model that stands still."""
+    xml = (
+        '<mujoco><worldbody><body><joint name="hinge" axis="0 1 0" armature="0.002" frictionloss="0.03" damping="0.012"/>'
+        '<geom type="capsule" fromto="0 0 0 0 0 -0.32" size="0.016" mass="{}" contype="0" conaffinity="0"/></body></worldbody>'
+        "</mujoco>"
+    )
+    robot, recordings, step_s = mujoco.MjModel.from_xml_string(xml.format(0.79)), [], 0.004
+    robot.opt.timestep = 0.25 * step_s
+    for seed, angle_rad in enumerate((2.2, -1.5, 1.0)):
+        data, position = mujoco.MjData(robot), np.empty((5000, 1))
+        data.qpos[0] = angle_rad
+        for row in range(len(position)):
+            position[row] = data.qpos
+            for _ in range(4):
+                data.qfrc_applied[:] = -0.006 * data.qvel * np.abs(data.qvel)
+                mujoco.mj_step(robot, data)
+        position = 1e-4 * np.round(1e4 * (position + 3e-5 * np.random.default_rng(seed).standard_normal(position.shape)))
+        joints = JointSignals(("hinge",), position, commanded_torque_nm=np.zeros_like(position))
+        recordings.append(Recording(f"swing {seed}", "swings.csv", step_s, step_s * np.arange(len(position)), joints))
+    model = mujoco.MjModel.from_xml_string(xml.format(0.8))
+    assert judge(study_joints(model, recordings, lambda *_: None, robot=UnknownRobot())).verdict.misreads == ""
+
+
 def test_between_a_motors_constant_and_another_unit_there_is_no_factor_that_nobody_asks_for():
     low, high = JointState(1).bounds(TORQUE_CONSTANT)
     assert 1.0 + low < 1.0 / PLAUSIBLE_FACTOR and 1.0 + high > PLAUSIBLE_FACTOR
