@@ -1,6 +1,6 @@
 """Joints as a subject: equations along the recorded motion, causes that explain what they leave, and the verdict on them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import mujoco
@@ -36,7 +36,11 @@ from sim_backend.reality_gap.subjects.joints.verdicts.equal_causes import (
 from sim_backend.reality_gap.subjects.joints.verdicts.filtered_loops import without_loops_of_filters
 from sim_backend.reality_gap.subjects.joints.verdicts.judged import not_judged
 from sim_backend.reality_gap.subjects.joints.verdicts.needed_causes import with_needed_causes
-from sim_backend.reality_gap.subjects.joints.verdicts.stated_dampings import perhaps_other_damping, plain_dampings
+from sim_backend.reality_gap.subjects.joints.verdicts.stated_dampings import (
+    are_asked_for_torques,
+    braking_dampings,
+    perhaps_other_damping,
+)
 from sim_backend.reality_gap.subjects.joints.verdicts.swings import perhaps_another_pace, perhaps_less_inertia
 from sim_backend.reality_gap.subjects.joints.verdicts.torques_and_rollouts import (
     in_both,
@@ -52,7 +56,7 @@ from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_unknown_robot i
 from sim_backend.reality_gap.subjects.joints.verdicts.weak_motors import against_weak_motors
 from sim_backend.reality_gap.subjects.joints.verdicts.wording import listed
 from sim_backend.reality_gap.subjects.subject import CUBE_EXCITATION, Material, Progress, Sections, part
-from sim_backend.reality_gap.verdict import Cause, Verdict, VerdictKind
+from sim_backend.reality_gap.verdict import Cause, Doubt, Verdict, VerdictKind
 from sim_backend.trifinger.scene import compile_scene
 
 NAMING, ROLLOUTS, TORQUES = METHODS[:3]
@@ -179,9 +183,8 @@ def _with_torques(found: JointStudy, torques: Verdict, rollouts: Verdict) -> Ver
 
     late_columns = of_smoothed(rollouts.causes, between.smoothed, nominal)
     swings = [*perhaps_less_inertia(found, rollouts.causes), *perhaps_another_pace(found, rollouts.causes)]
-    row_s = max(episode.path.step_s for episode in found.problem.episodes)
-    damped = perhaps_other_damping(rollouts.causes, found.problem.names, _plain_dampings(found), nominal, row_s)
-    doubts = [*between.doubts, *late_columns, *sensors_of_two(found, torques.causes), *swings, *damped]
+    swings += _perhaps_other_damping(found, rollouts.causes, nominal)
+    doubts = [*between.doubts, *late_columns, *sensors_of_two(found, torques.causes), *swings]
     unlike = [*between.unlike, *_unlike_laws(found)]
     both = with_unlike_torques(in_both(torques, rollouts, [*between.causes, *of_velocities], doubts), unlike)
     return replace(both, cannot_tell=(*both.cannot_tell, *between.open, *left_open))
@@ -191,6 +194,15 @@ def _unrecorded_controllers(found: JointStudy) -> np.ndarray:
     """Joints that a stated controller drives while nobody recorded what it sent, shape (k,)."""
     signals = [episode.path.joints for episode in found.problem.episodes]
     return np.all([[name in each.not_recorded for name in each.names] for each in signals], axis=0)
+
+
+def _perhaps_other_damping(found: JointStudy, causes: Sequence[Cause], nominal: Callable[[Cause], float]) -> list[Doubt]:
+    """Of causes that another damping of a stated controller is instead, where nobody recorded what it sent."""
+    paths = [episode.path for episode in found.problem.episodes]
+    recorded = [path.joints for path in paths]
+    damping = np.where(_unrecorded_controllers(found), braking_dampings(recorded), np.nan)
+    row_s, are_asked = max(path.step_s for path in paths), are_asked_for_torques(recorded)
+    return perhaps_other_damping(causes, found.problem.names, damping, nominal, row_s, are_asked)
 
 
 def _unlike_laws(found: JointStudy) -> list[str]:
@@ -214,13 +226,6 @@ def _damping_of_controllers(found: JointStudy) -> np.ndarray:
     if not laws:
         return np.full(len(found.problem.names), np.nan)
     return np.asarray(np.median(np.concatenate([law.damping_nm_s_rad for law in laws]), axis=0))
-
-
-def _plain_dampings(found: JointStudy) -> np.ndarray:
-    """As stated, of controllers that send nothing else, where nobody recorded what they sent, shape (k,); NaN elsewhere."""
-    laws = [law for episode in found.problem.episodes if (law := episode.path.joints.feedback) is not None]
-    plain = plain_dampings(laws) if laws else np.nan
-    return np.where(_unrecorded_controllers(found), plain, np.nan)
 
 
 def _not_simulated(found: JointStudy, torques: Verdict) -> Verdict:
