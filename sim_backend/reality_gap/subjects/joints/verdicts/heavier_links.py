@@ -5,12 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from sim_backend.reality_gap.subjects.joints.verdicts.readings import FEWEST_ROWS, ToldEpisode, free_columns, rms_left
+from sim_backend.reality_gap.subjects.joints.verdicts.readings import FEWEST_ROWS, ToldEpisode, free_columns
 from sim_backend.reality_gap.subjects.joints.verdicts.ways_to_misread import FALLS_TO, Misreading
 
 
 def or_heavier_link(found: Misreading, data: Sequence[ToldEpisode], names: Sequence[str]) -> Misreading:
     """A reading of torques that are smaller than told, beside one link with more mass, or only that link if it does far better.
+
+    More of the mass that the link has is asked for first, then a load that sits anywhere on it.
 
     Args:
         found: a reading.
@@ -22,42 +24,61 @@ def or_heavier_link(found: Misreading, data: Sequence[ToldEpisode], names: Seque
     if not len(scaled) or (found.reading.positions != 1.0).any() or (found.reading.torques < 0.0).any():
         return found
     by_unit = (found.after_nm / factors)[scaled]  # as a share of the torques as they are told
-    for link, name in enumerate(names):
-        more, left = _with_more_mass(data, link)
-        if more <= 0.0 or not (left[scaled] <= by_unit / FALLS_TO).all():
-            continue
-        said, check = f"what {name} moves is {1.0 + more:.2g} times as heavy as in the model", f"the mass that {name} carries"
-        if (left[scaled] <= FALLS_TO * by_unit).all():
-            return replace(found, said=said, check=f"{check} in the model, and what is told of torques")
-        return replace(found, said=f"{found.said}, or {said}", check=f"{found.check}, or {check},")
+    for images in (_by_mass(data), _by_load(data)):
+        is_mass = images[0].shape[-1] == 1
+        for link, name in enumerate(names):
+            more, left = _left_with(data, [of_all[:, :, link] for of_all in images])
+            if (is_mass and more[0] <= 0.0) or not (left[scaled] <= by_unit / FALLS_TO).all():
+                continue
+            said = f"what {name} moves is {1.0 + more[0]:.2g} times as heavy as in the model"
+            said, check = said if is_mass else f"{name} carries a load that the model lacks", f"the mass that {name} carries"
+            if (left[scaled] <= FALLS_TO * by_unit).all():
+                return replace(found, said=said, check=f"{check} in the model, and what is told of torques")
+            return replace(found, said=f"{found.said}, or {said}", check=f"{found.check}, or {check},")
     return found
 
 
-def _with_more_mass(data: Sequence[ToldEpisode], link: int) -> tuple[float, np.ndarray]:
-    """By which share more of a link's mass agrees best, and what joints then leave, shape (k,), N m; NaN of too few rows."""
-    k = data[0].given.shape[1]
-    errors, images = [], []
-    for j in range(k):
+def _by_mass(data: Sequence[ToldEpisode]) -> list[np.ndarray]:
+    """Torques by a factor of each link, of each episode, shape (t, k, k, 1), N m."""
+    return [told.episode.dynamics.by_link_mass[..., None] for told in data]
+
+
+def _by_load(data: Sequence[ToldEpisode]) -> list[np.ndarray]:
+    """Torques by mass, inertia and centre of each link, which together are a load anywhere on it; shapes (t, k, k, 5), N m."""
+    found = []
+    for told, by_mass in zip(data, _by_mass(data), strict=True):
+        path = told.episode.path
+        shape = told.episode.plant.link_derivatives(path.position, path.velocity, path.acceleration)
+        found.append(np.concatenate([by_mass, shape.by_inertia[..., None], shape.by_centre], axis=-1))
+    return found
+
+
+def _left_with(data: Sequence[ToldEpisode], images: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """How much of p images, shapes (t, k, p), agrees best, shape (p,), and what joints then leave, (k,), N m; NaN of few rows."""
+    joints: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+    for j in range(data[0].given.shape[1]):
         counts = [told.episode.valid_mechanics[:, j] for told in data]
+        if sum(map(np.count_nonzero, counts)) < FEWEST_ROWS:
+            continue
         error, image, velocity = (
-            np.concatenate([values[rows] for values, rows in zip(of_episodes, counts, strict=True)])
+            np.concatenate([values[rows, j] for values, rows in zip(of_episodes, counts, strict=True)])
             for of_episodes in (
-                [(told.given - told.needed)[:, j] for told in data],
-                [told.episode.dynamics.by_link_mass[:, j, link] for told in data],
-                [told.episode.path.velocity[:, j] for told in data],
+                [told.given - told.needed for told in data],
+                images,
+                [told.episode.path.velocity for told in data],
             )
         )
-        enough, free = len(error) >= FEWEST_ROWS, free_columns(velocity)
-        errors.append(_beside(error, free) if enough else np.zeros(0))
-        images.append(_beside(image, free) if enough else np.zeros(0))
-    weights = [1.0 / max(float(error @ error), 1e-12) for error in errors]
-    cross = sum(w * float(error @ image) for w, error, image in zip(weights, errors, images, strict=True))
-    square = sum(w * float(image @ image) for w, image in zip(weights, images, strict=True))
-    more = cross / square if square > 0.0 else 0.0
-    left = [np.sqrt(np.mean((e - more * i) ** 2)) if len(e) else np.nan for e, i in zip(errors, images, strict=True)]
-    return more, np.array(left)
+        free = free_columns(velocity)
+        joints[j] = _beside(error, free), _beside(image, free)
+    weights = {j: 1.0 / max(float(np.linalg.norm(error)), 1e-6) for j, (error, _) in joints.items()}
+    by_more = np.concatenate([weights[j] * image for j, (_, image) in joints.items()])
+    wanted = np.concatenate([weights[j] * error for j, (error, _) in joints.items()])
+    more, left = np.linalg.lstsq(by_more, wanted, rcond=None)[0], np.full(data[0].given.shape[1], np.nan)
+    for j, (error, image) in joints.items():
+        left[j] = np.sqrt(np.mean((error - image @ more) ** 2))
+    return more, left
 
 
 def _beside(values: np.ndarray, free: np.ndarray) -> np.ndarray:
     """What friction and a constant do not explain of it."""
-    return values - free @ rms_left(values, free)[1]
+    return values - free @ np.linalg.lstsq(free, values, rcond=None)[0]

@@ -224,17 +224,32 @@ def test_of_a_joint_without_gravity_torques_in_another_unit_are_said_beside_posi
     assert "the positions of hinge are in rad, not in degrees" in said
 
 
-def test_a_payload_that_the_model_lacks_is_no_unit_of_torques():
+def loaded(link: str) -> mujoco.MjModel:
+    """The arm with more than it is said to have: its lower link thrice as heavy, or 1.2 kg at its end."""
+    model = arm()
+    if link == "heavy":
+        model.body_mass[2] *= 3.0
+        model.body_inertia[2] *= 3.0
+        return model
+    mass, load, (*_, centre), end = model.body_mass[2], 1.2, model.body_ipos[2], -0.25
+    both = (mass * centre + load * end) / (mass + load)
+    model.body_inertia[2, :2] += mass * (both - centre) ** 2 + load * (both - end) ** 2
+    model.body_mass[2], model.body_ipos[2, 2] = mass + load, both
+    return model
+
+
+@pytest.mark.parametrize(
+    ("link", "said"),
+    [("heavy", "what elbow moves is 3 times as heavy as in the model"), ("end", "elbow carries a load that the model lacks")],
+)
+def test_a_payload_that_the_model_lacks_is_no_unit_of_torques(link, said):
     recordings = []
     for seed in (1, 2):
         position = motion(seed)
-        loaded = arm()
-        loaded.body_mass[2] *= 3.0
-        loaded.body_inertia[2] *= 3.0
-        torque, velocity = torques_nm(position, loaded)
+        torque, velocity = torques_nm(position, loaded(link))
         recordings.append(recording(position, torque + friction(velocity, FRICTION_NM), seed))
     verdict = verdict_of(recordings)
-    assert (verdict.misreads, verdict.causes) == ("what elbow moves is 3 times as heavy as in the model", ())
+    assert (verdict.misreads, verdict.causes) == (said, ())
     assert "the mass that elbow carries" in verdict.record_next[0]
 
 
