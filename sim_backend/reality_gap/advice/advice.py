@@ -88,15 +88,15 @@ def advice_after(verdict: Mapping[str, Any], recorded: Sequence[str] = ()) -> Ad
     places = {(effect, "" if where in AXES else where) for effect, where in causes}
     rival = (verdict.get("runner_up") or {}).get("effect")
     if kind is VerdictKind.UNEXPLAINED:
-        questions = [_followed(str(text)) for text in verdict.get("follows") or ()]
-        why = "No effect of the catalogue explains what is left: record the contrast that it follows, several times."
-        questions = questions or [_Question("what is left of the error", FIRST, 1)]
-        return Advice(why, _ordered(questions), REPEATS_UNEXPLAINED, _hand(effects), said)
+        return _after_unexplained(verdict, effects, said)
     if kind is VerdictKind.CONFUSABLE:
         questions = [_between(a, b) for a, b in combinations(effects, 2)]
         if len(effects) < len(places):
             questions.append(_Question("tells at which joint it is: joints that move one by one", ONE_BY_ONE, 1))
-        why = f"These data fit more than one cause: record what tells {_words(*effects)} apart."
+        if len(effects) == 1:  # beside something that is no effect, or is at another place
+            questions.append(_again(effects[0], recorded))
+        whom = f"{effects[0].replace('_', ' ')} from what looks like it" if len(effects) == 1 else f"{_words(*effects)} apart"
+        why = f"These data fit more than one explanation: record what tells {whom}."
         return Advice(why, _ordered(questions), REPEATS, _hand(effects), said)
     questions = [] if rival is None or rival in effects else [_between(_likest(effects, str(rival)), str(rival))]
     questions += [_again(effect, recorded) for effect in effects]
@@ -127,6 +127,17 @@ def _after_nothing(recorded: Sequence[str], said: tuple[str, ...]) -> Advice:
     why = "Nothing is wrong as far as these data can tell; what they did not contain can still show something."
     questions = [_Question(_missing(name), (name,), 1) for name in left]
     return Advice(why, _ordered(questions), REPEATS, (), said)
+
+
+def _after_unexplained(verdict: Mapping[str, Any], effects: Sequence[str], said: tuple[str, ...]) -> Advice:
+    """Whatever the error follows, unless the data are not as they are told."""
+    if verdict.get("misreads"):
+        why = "The model does not agree with the data as they are told: check that before more is recorded."
+        return Advice(why, (), REPEATS, (), said)
+    questions = [_followed(str(text)) for text in verdict.get("follows") or ()]
+    why = "No effect of the catalogue explains what is left: record the contrast that it follows, several times."
+    questions = questions or [_Question("what is left of the error", FIRST, 1)]
+    return Advice(why, _ordered(questions), REPEATS_UNEXPLAINED, _hand(effects), said)
 
 
 def _missing(name: str) -> str:

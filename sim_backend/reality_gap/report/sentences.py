@@ -22,7 +22,7 @@ Document = Mapping[str, Any]
 
 HEADLINES = {
     "named": "The data name what is wrong with the model.",
-    "confusable": "The model is wrong, but these data fit more than one cause.",
+    "confusable": "The model is wrong, but these data fit more than one explanation.",
     "unexplained": "The model is wrong, and no cause of the catalogue explains how.",
     "nothing_wrong": "The data show nothing wrong with the model.",
     "not_identifiable": "These data cannot show what is wrong, or whether anything is.",
@@ -66,6 +66,8 @@ def kind_of(document: Document) -> str:
 def headline(document: Document) -> str:
     """The verdict in one sentence."""
     kind = kind_of(document)
+    if document["verdict"].get("misreads"):
+        return "The model does not agree with the data as they are told."
     causes = len(_places(document["verdict"].get("causes") or ()))
     if kind == "named" and causes > 1:
         return f"The data name {causes} things that are wrong with the model."
@@ -110,18 +112,19 @@ def _by_effect(start: str, places: Mapping[tuple[str, str], Sequence[Mapping[str
 def evidence_sentences(document: Document) -> list[str]:
     """Held-out error, runner-up, null test, what the error follows, success and the upper bound, as far as they are there."""
     verdict = document["verdict"]
+    misreads = verdict.get("misreads")
     sentences = [
         *(line for held_out in verdict.get("held_out_there") or () for line in _held_out(held_out)),
         *_held_out(verdict.get("held_out")),
-        *_residual_network(document.get("residual_network")),
+        *_residual_network(None if misreads else document.get("residual_network")),
         *_null(verdict.get("null_p")),
         *_runner_up(verdict.get("runner_up")),
         *_rejected(verdict.get("rejected") or (), verdict.get("runner_up")),
         *_success(document.get("success")),
     ]
-    if verdict.get("follows"):
+    if follows := [each for each in verdict.get("follows") or () if each != misreads]:
         what = "What little differs" if verdict.get("verdict") == "nothing_wrong" else "What is left of the error"
-        sentences.append(f"{what} follows: {listed(verdict['follows'])}.")
+        sentences.append(f"{what} follows: {listed(follows)}.")
     return sentences
 
 

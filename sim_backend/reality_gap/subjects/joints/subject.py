@@ -247,12 +247,14 @@ def _not_simulated(found: JointStudy, torques: Verdict) -> Verdict:
 
 
 def _with_gain(found: JointStudy, verdict: Verdict, rng: np.random.Generator) -> Verdict:
-    """The verdict with what its causes bought, and with what could not be judged."""
+    """The verdict with what its causes bought, unless data are not as they are told, and with what could not be judged."""
     when = "while they move and no rotor hits" if found.rattling else "while they move"
     names = found.problem.names
+    verdict = replace(verdict, cannot_tell=(*verdict.cannot_tell, *not_judged(found.problem.episodes, names)))
+    if verdict.misreads:
+        return verdict
     return replace(
         verdict,
-        cannot_tell=(*verdict.cannot_tell, *not_judged(found.problem.episodes, names)),
         held_out=held_out(found.problem, found.fit.final, found.start, rng, when=when),
         held_out_there=tuple(held_out_of_hits(each.errors, names[each.joint], rng) for each in found.rattling),
     )

@@ -112,8 +112,7 @@ def with_late_columns(verdict: Verdict) -> Verdict:
     if verdict.verdict not in _OPEN or not delays:
         return verdict
     places = ", ".join(cause.where for cause in delays)
-    late_ms = f"{1e3 * min(cause.value for cause in delays):.2g}"
-    late_ms += "" if len(delays) == 1 else f" to {1e3 * max(cause.value for cause in delays):.2g}"
+    late_ms = " to ".join(dict.fromkeys(f"{1e3 * end(cause.value for cause in delays):.2g}" for end in (min, max)))
     said = f"Positions that are written {late_ms} ms late ({places}) look like the delay."
     found = _confusable(verdict, said, delays, (), _ON_TIME)
     late = f"whether torques, or a servo's targets, act late or positions are written late ({places}): {_ON_TIME}"

@@ -238,6 +238,8 @@ def _misread(study: JointStudy, agreement: Agreement, verdict: Verdict) -> Verdi
     return replace(
         _unexplained(verdict, why),
         causes=(),
+        runner_up=None,
+        rejected=(),
         misreads=said,
         follows=(*follows, *verdict.follows),
         record_next=(f"nothing yet: check {check}",),

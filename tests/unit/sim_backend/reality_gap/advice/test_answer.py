@@ -54,6 +54,19 @@ def printed(capsys, *arguments):
     return json.loads(capsys.readouterr().out)
 
 
+def test_data_that_are_not_as_they_are_told_are_checked_before_anything_is_recorded():
+    check = "nothing yet: check position_unit of elbow in study.toml and in whatever wrote the data"
+    misread = verdict("unexplained", misreads="the positions of elbow are in degrees", record_next=(check,))
+    advice = advice_after(misread)
+    assert "check that before" in advice.why and (advice.excitations, advice.said_by_study) == ((), (check,))
+
+
+def test_one_cause_beside_what_is_none_is_recorded_again():
+    advice = advice_after(verdict("confusable", cause("coulomb_friction")))
+    assert advice.why.endswith("record what tells coulomb friction from what looks like it.")
+    assert names(advice) == [SHOWN_BY["coulomb_friction"][0]]
+
+
 def test_every_effect_is_shown_by_an_excitation_or_by_hand():
     assert set(CATALOGUE) == set(SHOWN_BY) | set(BY_HAND)
     assert {name for shown in SHOWN_BY.values() for name in shown} <= set(EXCITATIONS)

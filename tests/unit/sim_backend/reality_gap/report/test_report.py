@@ -51,6 +51,19 @@ class Page(HTMLParser):
             self.scripts.append(data)
 
 
+def test_data_that_are_not_as_they_are_told_are_said_to_be_so_and_no_gain_is_shown_for_that():
+    said = "the positions of elbow are in degrees, not in rad"
+    document = documents.full_document()
+    document["verdict"] |= documents.verdict("unexplained") | {
+        "summary": f"The model agrees far better with the data if {said}.",
+        "misreads": said, "follows": [said], "held_out": None, "runner_up": None, "null_p": None,
+    }  # fmt: skip
+    lines = summary_lines(document)
+    assert lines[0].endswith(": The model does not agree with the data as they are told.")
+    assert sum(said in line for line in lines) == 1
+    assert not any("flexible network" in line or "follows" in line for line in lines)
+
+
 @pytest.fixture(scope="module")
 def full_page() -> str:
     return html_page(documents.full_document(joints=documents.JOINTS[:2]))
