@@ -13,6 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from sim_backend.reality_gap.knowledge.joint_effects import VISCOUS_FRICTION
 from sim_backend.reality_gap.subjects.joints.laws.state import JointState
 from sim_backend.reality_gap.subjects.joints.rollouts.open_loop import Losses, Motion, Rollouts, windows_of
 from sim_backend.reality_gap.subjects.joints.torques.counted_rows import near_end
@@ -117,6 +118,7 @@ def _rollout_errors(data: Sequence[ToldEpisode], reading: Reading) -> np.ndarray
                 reading.torques[j] * of_joint.given - of_joint.needed, of_joint.free
             )
     coulomb += data[0].coulomb_nm  # beside what was needed, which has the model's friction
+    damping += data[0].episode.plant.own_values[VISCOUS_FRICTION]  # at any speed that a reading has
     damping += data[0].damping_nm_s_rad / (np.abs(reading.positions) * reading.pace)
     losses = Losses(np.maximum(coulomb, 0.0), np.maximum(damping, 0.0), -offset)
     motions, starts = zip(*(_motion(told, reading) for told in data), strict=True)

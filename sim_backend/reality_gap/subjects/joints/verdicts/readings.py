@@ -33,8 +33,8 @@ class Reading:
 class ToldEpisode:
     """One episode as it is told: torques given and needed, shapes (t, k), N m.
 
-    What is needed has the friction that the model has: ``coulomb_nm`` and ``damping_nm_s_rad``, shapes (k,), which take
-    ``friction_nm`` of shape (t, k).
+    What is needed has the friction that the model has: damping of its joints, and beside that ``coulomb_nm`` and
+    ``damping_nm_s_rad``, shapes (k,), which take ``friction_nm`` of shape (t, k).
     """
 
     episode: EpisodeEquations
@@ -66,10 +66,10 @@ def is_held_out(time_s: np.ndarray) -> np.ndarray:
 def told_by(episode: EpisodeEquations, start: JointState) -> ToldEpisode:
     """An episode as it is told, by the nominal model."""
     given = episode.path.smoothed(episode.acting_nm).T
-    error, joints = episode.torque_error(start), range(given.shape[1])
-    smooth = start.with_values({(key, j): 0.0 for key in (COULOMB_FRICTION, VISCOUS_FRICTION) for j in joints})
-    rubs = episode.torque_error(smooth) - error
-    return ToldEpisode(episode, given, given - error, start.value(COULOMB_FRICTION), start.value(VISCOUS_FRICTION), rubs)
+    error, own = episode.torque_error(start), episode.plant.own_values[VISCOUS_FRICTION]
+    own_alone = {(COULOMB_FRICTION, j): 0.0 for j in range(len(own))} | {(VISCOUS_FRICTION, j): d for j, d in enumerate(own)}
+    rubs = episode.torque_error(start.with_values(own_alone)) - error
+    return ToldEpisode(episode, given, given - error, start.value(COULOMB_FRICTION), start.value(VISCOUS_FRICTION) - own, rubs)
 
 
 def all_rows(

@@ -209,19 +209,28 @@ def test_a_swing_that_nothing_drives_is_not_nearer_because_its_numbers_are_small
     assert verdict.misreads == said
 
 
-def test_of_a_joint_without_gravity_torques_in_another_unit_are_said_beside_positions():
-    """A wheel that moves 57 times as far takes 57 times the torque."""
+@pytest.mark.parametrize("damping", [0.0, 3.0])
+@pytest.mark.parametrize(
+    ("by", "torques", "positions"),
+    [
+        (np.pi / 180.0, "the torques of hinge are 57.3 times smaller", "the positions of hinge are in rad, not in degrees"),
+        (-1.0, "the torques of hinge have the opposite sign", "the positions of hinge count the other way round"),
+    ],
+    ids=["degrees", "turned"],
+)
+def test_of_a_joint_without_gravity_torques_are_said_beside_positions(by, torques, positions, damping):
+    """A wheel that moves 57 times as far takes 57 times the torque, whatever damps it in the model, too."""
     wheel = mujoco.MjModel.from_xml_string(
-        '<mujoco><worldbody><body><joint name="hinge" axis="0 0 1"/>'
+        f'<mujoco><worldbody><body><joint name="hinge" axis="0 0 1" damping="{damping}"/>'
         '<inertial pos="0 0 0" mass="1" diaginertia=".1 .1 .1"/></body></worldbody></mujoco>'
     )
     position = motion(1, seconds=8.0)[:, :1]
-    torque = 0.1 * np.gradient(np.gradient(position, STEP_S, axis=0), STEP_S, axis=0)
-    joints = JointSignals(("hinge",), np.radians(position), measured_torque_nm=torque)
+    velocity = np.gradient(position, STEP_S, axis=0)
+    torque = damping * velocity + 0.1 * np.gradient(velocity, STEP_S, axis=0)
+    joints = JointSignals(("hinge",), by * position, measured_torque_nm=torque)
     told = Recording("wheel", "wheel.csv", STEP_S, STEP_S * np.arange(len(position)), joints)
     said = judge(study_joints(wheel, [told], lambda *_: None, robot=UnknownRobot())).verdict.misreads
-    assert "the torques of hinge are 57.3 times smaller" in said
-    assert "the positions of hinge are in rad, not in degrees" in said
+    assert torques in said and positions in said
 
 
 def loaded(link: str) -> mujoco.MjModel:
