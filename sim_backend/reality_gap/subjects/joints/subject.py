@@ -53,7 +53,7 @@ from sim_backend.reality_gap.subjects.joints.verdicts.unnamed_rivals import agai
 from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_rollouts import verdict_of_rollouts
 from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_torques import judge
 from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_unknown_robot import sensors_of_two
-from sim_backend.reality_gap.subjects.joints.verdicts.weak_motors import against_weak_motors
+from sim_backend.reality_gap.subjects.joints.verdicts.weak_motors import against_weak_motors, perhaps_a_weak_supply
 from sim_backend.reality_gap.subjects.joints.verdicts.wording import listed
 from sim_backend.reality_gap.subjects.subject import CUBE_EXCITATION, Material, Progress, Sections, part
 from sim_backend.reality_gap.verdict import Cause, Doubt, Verdict, VerdictKind
@@ -160,7 +160,7 @@ def _rolled_out(found: JointStudy, torques: Verdict, method: str, rng: np.random
     drawn_rad = np.maximum(FAR_OFF * problem.noise_rad, with_causes.drawn_rad)
     rollouts = against_patterns(rollouts, found, selection, drawn_rad)
     rollouts = against_unnamed(rollouts, selection, with_causes.usual_rad)
-    is_driven = np.any([(episode.driving_nm != 0.0).any(axis=1) for episode in found.problem.episodes], axis=0)
+    is_driven = _are_driven(found)
     rollouts = against_weak_motors(rollouts, found, selection, is_driven)
     rollouts = with_share_of_all(rollouts, found.problem.names, is_driven, found.robot.tolerance.mass)
     rollouts = with_late_columns(rollouts)
@@ -183,11 +183,17 @@ def _with_torques(found: JointStudy, torques: Verdict, rollouts: Verdict) -> Ver
 
     late_columns = of_smoothed(rollouts.causes, between.smoothed, nominal)
     swings = [*perhaps_less_inertia(found, rollouts.causes), *perhaps_another_pace(found, rollouts.causes)]
-    swings += _perhaps_other_damping(found, rollouts.causes, nominal)
-    doubts = [*between.doubts, *late_columns, *sensors_of_two(found, torques.causes), *swings]
+    driving = perhaps_a_weak_supply(found, rollouts.causes, _are_driven(found))
+    driving += _perhaps_other_damping(found, rollouts.causes, nominal)
+    doubts = [*between.doubts, *late_columns, *sensors_of_two(found, torques.causes), *swings, *driving]
     unlike = [*between.unlike, *_unlike_laws(found)]
     both = with_unlike_torques(in_both(torques, rollouts, [*between.causes, *of_velocities], doubts), unlike)
     return replace(both, cannot_tell=(*both.cannot_tell, *between.open, *left_open))
+
+
+def _are_driven(found: JointStudy) -> list[bool]:
+    """Whether a torque drives each joint."""
+    return np.any([(episode.driving_nm != 0.0).any(axis=1) for episode in found.problem.episodes], axis=0).tolist()
 
 
 def _unrecorded_controllers(found: JointStudy) -> np.ndarray:

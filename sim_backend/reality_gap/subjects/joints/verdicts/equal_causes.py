@@ -26,6 +26,8 @@ _SAME_GRAVITY, _LEAST_ACROSS = 0.01, 0.2
 """Shares of gravity: two that differ by less are the same; of one that lies so nearly along an axis no turn about it shows."""
 _WEIGHTLESS = 0.1
 """Share of gravity: with less than this left it is no gravity that is a little off."""
+_HELD_UP = 0.5
+"""With less than this left no robot stands where there is so little."""
 _LEAST_FACTOR = 1e-3
 """Of a mass: with less there is no link."""
 _PAYLOAD = "the same motion with a payload of known mass at the last link"
@@ -120,7 +122,9 @@ def with_late_columns(verdict: Verdict) -> Verdict:
 
 
 def with_weight(verdict: Verdict, plant: Plant, state: JointState) -> Verdict:
-    """A verdict that takes next to all gravity away: no robot falls up, but torques are often given without what gravity takes.
+    """A verdict that takes much gravity away: no robot falls up, but torques are often given without what gravity takes.
+
+    Where a part of it is left something else may hold the weight up.
 
     Args:
         verdict: what rollouts came to.
@@ -129,8 +133,9 @@ def with_weight(verdict: Verdict, plant: Plant, state: JointState) -> Verdict:
     """
     size = float(np.linalg.norm(plant.gravity_m_s2))
     is_blamed = verdict.verdict in _OPEN and any(cause.effect in TURNED for cause in verdict.causes)
-    if not is_blamed or size <= 0.0 or float(np.linalg.norm(gravity_of(state, plant.gravity_m_s2))) > _WEIGHTLESS * size:
-        return verdict
+    left = float(np.linalg.norm(gravity_of(state, plant.gravity_m_s2))) / size if is_blamed and size > 0.0 else 1.0
+    if left > _WEIGHTLESS:
+        return verdict if left > _HELD_UP else _held_up(verdict, 1.0 - left)
     said = "gravity takes no torque: torques are given without its share, or the robot does not stand as the model does"
     return replace(
         verdict,
@@ -145,6 +150,13 @@ def with_weight(verdict: Verdict, plant: Plant, state: JointState) -> Verdict:
             replace(each, told=Told.NOT_JUDGED, because="what the torques are is open", above=None) for each in verdict.effects
         ),
     )
+
+
+def _held_up(verdict: Verdict, share: float) -> Verdict:
+    """A verdict that takes a share of gravity away that is too large for any place where a robot stands."""
+    held = [cause for cause in verdict.causes if cause.effect in TURNED]
+    said = f"Something else that holds up {share:.0%} of the weight looks like that, such as a controller that nobody told of."
+    return _confusable(verdict, said, held, (), "the torques that act, measured: they show what a controller adds")
 
 
 def with_turned_base(verdict: Verdict, plant: Plant, state: JointState) -> Verdict:

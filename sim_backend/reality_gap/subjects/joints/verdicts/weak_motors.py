@@ -1,4 +1,4 @@
-"""Many causes that a share of each motor's torque stands for: a wrong constant makes masses, rotors and frictions too small."""
+"""Motors that are all weak at once: a wrong constant makes masses, rotors and frictions too small, and a supply may be weak."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from sim_backend.effects.catalogue import PARAMETERS
-from sim_backend.reality_gap.knowledge.joint_effects import SCALES, TORQUE_CONSTANT
+from sim_backend.reality_gap.knowledge.joint_effects import MOTOR_LOSS, SCALES, TORQUE_CONSTANT
 from sim_backend.reality_gap.knowledge.separation import separated_by
 from sim_backend.reality_gap.subjects.joints.identification import JointStudy
 from sim_backend.reality_gap.subjects.joints.laws.intervals import half_interval
@@ -15,7 +15,10 @@ from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import Rollout
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_selection import RolloutSelection
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_trials import OF_NUMBER
 from sim_backend.reality_gap.subjects.joints.verdicts.rollout_rivals import CONFUSABLE_NATS, CONFUSABLE_SHARE
-from sim_backend.reality_gap.verdict import Cause, Told, Verdict, VerdictKind
+from sim_backend.reality_gap.verdict import Cause, Doubt, Told, Verdict, VerdictKind
+
+_SEVERAL = 2
+"""Motors that get weaker at once are as many at least."""
 
 
 def against_weak_motors(verdict: Verdict, study: JointStudy, selection: RolloutSelection, is_driven: Sequence[bool]) -> Verdict:
@@ -68,3 +71,20 @@ def _constants(study: JointStudy, fit: RolloutFit) -> list[Cause]:
             where = study.problem.names[term.index]
             found.append(Cause(term.effect, parameter.name, where, value, parameter.unit, (value - half, value + half)))
     return found
+
+
+def perhaps_a_weak_supply(study: JointStudy, causes: Sequence[Cause], is_driven: Sequence[bool]) -> list[Doubt]:
+    """Of all motors that get weaker with heat which nobody measured: that what supplies them does.
+
+    Args:
+        study: of the recordings.
+        causes: of the motion.
+        is_driven: joints that a torque drives, shape (k,).
+    """
+    warm = [cause for cause in causes if f"{cause.effect}.{cause.parameter}" == MOTOR_LOSS]
+    driven = {name for name, drives in zip(study.problem.names, is_driven, strict=True) if drives}
+    is_measured = any(episode.path.joints.temperature_rise_k is not None for episode in study.problem.episodes)
+    if is_measured or len(warm) < _SEVERAL or {cause.where for cause in warm} != driven:
+        return []
+    other = "what supplies all motors gets weaker while they move"
+    return [Doubt(cause, other, "the voltage of the supply, or the temperatures of the motors") for cause in warm]

@@ -146,6 +146,15 @@ def test_a_robot_that_nothing_pulls_is_a_table_of_torques_without_gravity():
     assert with_weight(verdict, plant, state) == verdict
 
 
+def test_a_robot_of_which_most_weight_is_held_up_may_have_a_controller_that_does_so():
+    plant = arm()
+    verdict, state = with_gravity(plant, np.array([0.0, 0.0, -3.8]))
+    found = with_weight(verdict, plant, state)
+    assert found.verdict is VerdictKind.CONFUSABLE and found.causes == verdict.causes
+    assert "holds up 61% of the weight" in found.summary and "measured" in found.record_next[0]
+    assert [each.told for each in found.effects] == [Told.CONFUSABLE, Told.EXCLUDED]
+
+
 def test_gravity_that_is_turned_about_the_first_axis_may_be_the_encoder_there():
     plant = arm()
     verdict, state = with_gravity(plant, turned_gravity(plant))

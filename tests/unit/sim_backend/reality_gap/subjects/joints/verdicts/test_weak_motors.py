@@ -11,8 +11,8 @@ from sim_backend.reality_gap.knowledge.known_of_robot import Tolerance, UnknownR
 from sim_backend.reality_gap.subjects.joints.identification import study_joints
 from sim_backend.reality_gap.subjects.joints.laws.state import Term
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import RolloutProblem
-from sim_backend.reality_gap.subjects.joints.verdicts.weak_motors import against_weak_motors
-from sim_backend.reality_gap.verdict import Verdict, VerdictKind
+from sim_backend.reality_gap.subjects.joints.verdicts.weak_motors import against_weak_motors, perhaps_a_weak_supply
+from sim_backend.reality_gap.verdict import Cause, Verdict, VerdictKind
 from tests.unit.sim_backend.reality_gap.subjects.joints.verdicts.test_unnamed_rivals import arm, followed
 
 FITTED = ("link_mass.factor", "coulomb_friction.torque_nm", "viscous_friction.damping_nm_s_rad")
@@ -49,3 +49,24 @@ def test_causes_that_are_more_than_motors_stand_beside_the_constants_of_all(shar
         assert constants == pytest.approx({"upper": 1 / 0.8 - 1, "lower": 1 / 0.785 - 1}, abs=0.05)
     few = SimpleNamespace(**vars(selection) | {"taken": (SimpleNamespace(terms=selection.taken[0].terms[:2]),)})
     assert against_weak_motors(Verdict(VerdictKind.NAMED, "Two."), study, few, (True, True)).verdict is VerdictKind.NAMED
+
+
+def warm(*joints: str) -> list[Cause]:
+    return [Cause("thermal_derating", "loss_per_k", joint, 0.01, "1/K", (0.005, 0.015)) for joint in joints]
+
+
+@pytest.mark.parametrize(
+    ("joints", "is_driven", "rise_k", "is_doubted"),
+    [
+        (("upper", "lower"), (True, True), None, True),
+        (("upper",), (True, True), None, False),
+        (("upper",), (True, False), None, False),
+        (("upper", "lower"), (True, True), 20.0, False),
+    ],
+    ids=["all", "one of two", "the only one", "temperatures are known"],
+)
+def test_motors_that_all_get_weaker_may_have_a_weak_supply(joints, is_driven, rise_k, is_doubted):
+    path = SimpleNamespace(joints=SimpleNamespace(temperature_rise_k=rise_k))
+    study = SimpleNamespace(problem=SimpleNamespace(names=("upper", "lower"), episodes=[SimpleNamespace(path=path)]))
+    found = perhaps_a_weak_supply(study, warm(*joints), is_driven)  # pyrefly: ignore[bad-argument-type]
+    assert [doubt.cause.where for doubt in found] == (list(joints) if is_doubted else [])
