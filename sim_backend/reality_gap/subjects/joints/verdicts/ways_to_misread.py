@@ -109,18 +109,28 @@ def other_zeros(data: Sequence[ToldEpisode], names: Sequence[str]) -> Iterator[M
 
 def _balances(found: Misreading, data: Sequence[ToldEpisode]) -> bool:
     """Whether what nothing drives leaves far less than its own inertia takes; else it is not read right, but with less in it."""
-    squares, rows = np.zeros(len(found.after_nm)), np.zeros(len(found.after_nm))
-    for told in data:
-        inertia, counts = np.diagonal(told.episode.dynamics.by_acceleration, axis1=1, axis2=2), told.episode.valid_mechanics
-        squares += (np.where(counts, inertia * told.episode.path.acceleration, 0.0) ** 2).sum(axis=0)
-        rows += counts.sum(axis=0)
-    own_nm = np.abs(found.reading.positions) * np.sqrt(squares / np.maximum(rows, 1.0))
-    is_driven = _driven(data)
+    own_nm, is_driven = np.abs(found.reading.positions) * _own_nm(data), _driven(data)
     return all(is_driven[j] or found.after_nm[j] <= _BALANCE * own_nm[j] for j in found.joints if np.isfinite(found.after_nm[j]))
 
 
 def _driven(data: Sequence[ToldEpisode]) -> np.ndarray:
-    return np.any([told.given.any(axis=0) for told in data], axis=0)
+    """Joints whose torques are more than what a sensor makes of none, shape (k,): beside a free motion that is little."""
+    counts = [told.episode.valid_mechanics for told in data]
+    return _rms([told.given for told in data], counts) > _NONE * _own_nm(data)
+
+
+def _own_nm(data: Sequence[ToldEpisode]) -> np.ndarray:
+    """What the inertia of each joint takes, as it is told, root mean square, shape (k,), N m."""
+    inertia = [np.diagonal(told.episode.dynamics.by_acceleration, axis1=1, axis2=2) for told in data]
+    own = [each * told.episode.path.acceleration for each, told in zip(inertia, data, strict=True)]
+    return _rms(own, [told.episode.valid_mechanics for told in data])
+
+
+def _rms(values: Sequence[np.ndarray], counts: Sequence[np.ndarray]) -> np.ndarray:
+    """Of the rows of all episodes that count, shape (k,); 0 where none does."""
+    rows = np.concatenate(counts)
+    squares = np.where(rows, np.concatenate(values), 0.0) ** 2
+    return np.sqrt(squares.sum(axis=0) / np.maximum(rows.sum(axis=0), 1))
 
 
 def without_sign(rows: Sequence[TorqueRows]) -> list[int]:

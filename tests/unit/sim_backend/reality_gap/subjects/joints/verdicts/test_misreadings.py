@@ -209,6 +209,15 @@ def test_a_swing_that_nothing_drives_is_not_nearer_because_its_numbers_are_small
     assert verdict.misreads == said
 
 
+def test_what_a_sensor_makes_of_no_torque_drives_nothing():
+    """A current that is measured of a motor that is off is not 0: a free swing with it is as free."""
+    position = swings(rod(damping=1e-4))[:, None]
+    noise_nm = 1e-4 * np.random.default_rng(0).standard_normal(position.shape)
+    joints = JointSignals(("hinge",), position, measured_torque_nm=noise_nm)
+    told = Recording("swing", "pole.csv", 0.02, 0.02 * np.arange(len(position)), joints)
+    assert judge(study_joints(rod(2.0), [told], lambda *_: None, robot=UnknownRobot())).verdict.misreads == ""
+
+
 @pytest.mark.parametrize("damping", [0.0, 3.0])
 @pytest.mark.parametrize(
     ("by", "torques", "positions"),
