@@ -271,6 +271,28 @@ def test_a_payload_that_the_model_lacks_is_no_unit_of_torques(link, said):
     assert "the mass that elbow carries" in verdict.record_next[0]
 
 
+@pytest.mark.parametrize(
+    ("larger", "zero_rad", "said"),
+    [
+        (5.0, 0.1, r"the torques of hinge are [45]\.?\d* times smaller, or hinge carries a load that the model lacks"),
+        (100.0, 0.0, r"the torques of hinge are 100 times smaller \(as if N cm were read as N m\)"),
+    ],
+    ids=["zero a little off", "N cm"],
+)
+def test_a_load_with_as_many_numbers_as_a_joint_shows_takes_no_units_place(larger, zero_rad, said):
+    """With inertia, mass and centre set free any torque of a single pendulum is a load's."""
+    model, recordings = rod(), []
+    model.dof_armature[0] = 0.001
+    for seed in (1, 2):
+        position = motion(seed)[:, :1]
+        torque, velocity = torques_nm(position, model)
+        told = larger * (torque + 0.01 * np.tanh(velocity / 0.01))
+        joints = JointSignals(("hinge",), position + zero_rad, measured_torque_nm=told)
+        recordings.append(Recording(f"run {seed}", "rod.csv", STEP_S, STEP_S * np.arange(len(position)), joints))
+    verdict = judge(study_joints(model, recordings, lambda *_: None, robot=UnknownRobot())).verdict
+    assert re.fullmatch(said, verdict.misreads), verdict.misreads
+
+
 def cart_pole() -> mujoco.MjModel:
     """A cart on a rail with a pole that hangs."""
     return mujoco.MjModel.from_xml_string(
