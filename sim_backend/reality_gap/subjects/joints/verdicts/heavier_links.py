@@ -35,7 +35,7 @@ def or_heavier_link(found: Misreading, data: Sequence[ToldEpisode], names: Seque
         is_mass = images[0].shape[-1] == 1
         for link, name in enumerate(names):
             own = [of_all[:, :, link] for of_all in images]
-            more, left = _left_with(data, own)
+            more, left = left_with(data, own)
             if (is_mass and more[0] <= 0.0) or not (left <= by_unit / FALLS_TO)[known].all():
                 continue
             said = f"what {name} moves is {1.0 + more[0]:.2g} times as heavy as in the model"
@@ -62,7 +62,7 @@ def _by_load(data: Sequence[ToldEpisode]) -> list[np.ndarray]:
     return found
 
 
-def _left_with(data: Sequence[ToldEpisode], images: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+def left_with(data: Sequence[ToldEpisode], images: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """How much of p images, shapes (t, k, p), agrees best, shape (p,), and what joints then leave, (k,), N m; NaN of few rows."""
     joints: dict[int, tuple[np.ndarray, np.ndarray]] = {}
     for j in range(data[0].given.shape[1]):

@@ -29,6 +29,7 @@ from sim_backend.reality_gap.subjects.joints.verdicts.readings import (
     rms_left,
     told_by,
 )
+from sim_backend.reality_gap.subjects.joints.verdicts.turned_gravity import or_turned_gravity
 from sim_backend.reality_gap.subjects.joints.verdicts.ways_to_misread import (
     FALLS_TO,
     Misreading,
@@ -85,7 +86,7 @@ def misreading(
         return None
     left = np.array([float(np.nanmean(np.log(m.after_nm / (np.abs(m.reading.torques) * told)))) for m in right])
     same = [m for m, value in zip(right, left, strict=True) if value < left.min() + _SAME]
-    return or_heavier_link(_either(same), data, names)
+    return or_heavier_link(_either([or_turned_gravity(m, data) for m in same]), data, names)
 
 
 def _that_roll_out(found: Sequence[Misreading], data: Sequence[ToldEpisode]) -> list[Misreading]:

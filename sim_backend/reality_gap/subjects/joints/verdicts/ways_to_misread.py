@@ -100,8 +100,6 @@ def other_zeros(data: Sequence[ToldEpisode], names: Sequence[str]) -> Iterator[M
             zeros_rad = np.where(np.arange(len(names)) == j, by_rad, 0.0)
             after = errors_of(all_rows(data, zeros_rad=zeros_rad))
             said, check = f"the zero of {names[j]} is {turn} away from the model's", f"zero of {names[j]}"
-            if (root := plant.root()) is not None and root[0] == j:
-                said, check = f"{said}, or gravity pulls another way", f"{check}, and which way gravity pulls in the model,"
             found = Misreading(said, check, (j,), after, Reading(same, same, zeros_rad=zeros_rad))
             if _balances(found, data):
                 yield found
