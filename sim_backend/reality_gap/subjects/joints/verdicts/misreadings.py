@@ -98,10 +98,16 @@ def _that_roll_out(found: Sequence[Misreading], data: Sequence[ToldEpisode]) -> 
         share = _rollout_errors(data, each.reading)
         ratio, own = share / told, list(each.joints)
         most = _GOES_TO if each.reading.pace == 1.0 else 1.0  # a clock that is a few per cent off is not all that is left
-        goes = _largest(ratio[own]) <= most and _largest(share[own]) <= _STANDS
+        clear = [j for j in own if told[j] <= _STANDS or share[j] <= _STANDS] if _is_of_clocks(each) else own
+        goes = _largest(ratio[own]) <= most and _largest(share[clear]) <= _STANDS
         if goes and np.nanmean(np.log(ratio)) < 0.0:
             kept.append(each)
     return kept
+
+
+def _is_of_clocks(found: Misreading) -> bool:
+    """Whether a reading is about all joints at once: one that hardly moves, and goes elsewhere either way, says nothing of it."""
+    return bool(found.reading.late_s) or found.reading.pace != 1.0
 
 
 def _largest(values: np.ndarray) -> float:

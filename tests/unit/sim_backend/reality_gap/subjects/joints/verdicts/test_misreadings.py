@@ -171,6 +171,17 @@ def test_a_clock_that_runs_slow_or_fast_is_said(told_s, is_said):
     assert bool(verdict.misreads) is is_said and (verdict.causes == ()) is is_said
 
 
+def test_a_joint_that_hardly_moves_does_not_hide_a_clock():
+    """Torques with noise drive it elsewhere by more than it moved, whatever the clock is."""
+    recordings = []
+    for seed in (1, 2):
+        position = motion(seed, sizes=(0.8, 0.003), offsets=(0.0, 0.8))
+        torque, velocity = torques_nm(position)
+        told = recording(position, torque + friction(velocity, FRICTION_NM), seed)
+        recordings.append(replace(told, step_s=1.1 * told.step_s, time_s=1.1 * told.time_s))
+    assert verdict_of(recordings).misreads == "a second of the recordings is 0.909 s"
+
+
 def swings(model: mujoco.MjModel, seconds: float = 6.0) -> np.ndarray:
     """Angles of a pendulum that is let go from level, at 50 Hz in steps of a 4096th of a turn, shape (t,), rad."""
     data, steps = mujoco.MjData(model), round(0.02 / model.opt.timestep)
