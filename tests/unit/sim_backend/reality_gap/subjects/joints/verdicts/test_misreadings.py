@@ -12,8 +12,11 @@ from sim_backend.reality_gap.knowledge.joint_effects import TORQUE_CONSTANT
 from sim_backend.reality_gap.knowledge.known_of_robot import UnknownRobot
 from sim_backend.reality_gap.recording import JointSignals, Recording
 from sim_backend.reality_gap.subjects.joints.identification import study_joints
+from sim_backend.reality_gap.subjects.joints.laws.nominal import nominal_state
+from sim_backend.reality_gap.subjects.joints.laws.plant import Plant
 from sim_backend.reality_gap.subjects.joints.laws.state import JointState
 from sim_backend.reality_gap.subjects.joints.slides import Slides
+from sim_backend.reality_gap.subjects.joints.torques.equations import equations_of
 from sim_backend.reality_gap.subjects.joints.verdicts.misreadings import misreading
 from sim_backend.reality_gap.subjects.joints.verdicts.readings import TorqueRows, free_columns
 from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_torques import judge
@@ -242,15 +245,18 @@ def turning_arm(gravity_m_s2: float) -> mujoco.MjModel:
 
 def test_a_robot_that_stands_where_its_model_hangs_need_not_have_another_zero():
     """On a base that turns about the vertical, too: which joint carries all others does not matter."""
-    names, recordings = ("base", "shoulder", "elbow"), []
+    names, episodes, plant = ("base", "shoulder", "elbow"), [], Plant(turning_arm(-9.81), ("base", "shoulder", "elbow"))
     for seed in (1, 2):
         position = np.column_stack([motion(seed + 50)[:, :1], motion(seed, offsets=(0.7, 0.8))])
         torque, velocity = torques_nm(position, turning_arm(9.81))
         told = torque + 0.1 * np.tanh(velocity / 0.01) + 0.005 * np.random.default_rng(seed).standard_normal(torque.shape)
         joints = JointSignals(names, position, measured_torque_nm=told)
-        recordings.append(Recording(f"run {seed}", "arm.csv", STEP_S, STEP_S * np.arange(len(position)), joints))
-    verdict = judge(study_joints(turning_arm(-9.81), recordings, lambda *_: None, robot=UnknownRobot())).verdict
-    assert verdict.misreads == "the zero of shoulder is half a turn away from the model's, or gravity pulls another way"
+        run = Recording(f"run {seed}", "arm.csv", STEP_S, STEP_S * np.arange(len(position)), joints)
+        episodes.append(equations_of(plant, run, seed - 1, UnknownRobot()))
+    start = nominal_state(plant, [episode.driving_nm for episode in episodes], UnknownRobot(), {})
+    found = misreading(episodes, start, names, np.full(3, np.inf))
+    assert found is not None
+    assert found.said == "the zero of shoulder is half a turn away from the model's, or gravity pulls another way"
 
 
 @pytest.mark.parametrize("damping", [0.0, 3.0])
