@@ -17,10 +17,12 @@ from sim_backend.reality_gap.verdict import Cause, Doubt
 
 _ROUNDED = 1e-6
 """Share of a torque that is nothing but rounding."""
+_ONE_DAMPING = 0.1
+"""Share by which stated dampings may differ: no factor of two that differ by more is one friction."""
 
 
 def braking_dampings(recorded: Sequence[JointSignals]) -> np.ndarray:
-    """As stated, of controllers whose targets have no velocity, shape (k,), N m s/rad; NaN at other joints.
+    """As stated, of controllers whose targets have no velocity, shape (k,), N m s/rad; NaN at other joints, and of several.
 
     What brakes a motor that is driven by voltage is its own.
 
@@ -36,8 +38,9 @@ def braking_dampings(recorded: Sequence[JointSignals]) -> np.ndarray:
         of_velocity_nm = np.abs(np.nan_to_num(law.desired_nm) - np.nan_to_num(beside_nm))
         is_plain = (of_velocity_nm <= _ROUNDED * np.abs(np.nan_to_num(law.desired_nm))) & ~(law.back_emf_nm_s_rad > 0.0)
         brakes.append(law.is_known & is_plain.all(axis=0))
-    damping = np.median(np.concatenate([law.damping_nm_s_rad for _, law in known]), axis=0)
-    return np.where(np.all(brakes, axis=0), damping, np.nan)
+    stated = np.concatenate([law.damping_nm_s_rad for _, law in known])
+    is_one = np.ptp(stated, axis=0) <= _ONE_DAMPING * np.abs(stated).max(axis=0)
+    return np.where(np.all(brakes, axis=0) & is_one, np.median(stated, axis=0), np.nan)
 
 
 def are_asked_for_torques(recorded: Sequence[JointSignals]) -> np.ndarray:

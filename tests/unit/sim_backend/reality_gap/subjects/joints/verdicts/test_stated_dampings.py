@@ -96,6 +96,10 @@ def test_only_a_controller_whose_targets_have_no_velocity_is_a_friction(other, b
     assert np.isnan(braking_dampings([of_law(), JointSignals(NAMES, np.zeros((SAMPLES, 2)))])).all()
 
 
+def test_of_controllers_that_damp_differently_no_factor_is_one_friction():
+    assert np.isnan(braking_dampings([of_law(damping_nm_s_rad=1.0), of_law(damping_nm_s_rad=4.0)])).all()
+
+
 def test_a_motion_that_was_named_is_open_then():
     named = Verdict(VerdictKind.NAMED, "The robot goes where …", (GAIN, WEAK))
     doubts = perhaps_other_damping(named.causes, NAMES, np.array([DAMPING, np.nan]), lambda _: 0.0, ROW_S, np.zeros(2))
