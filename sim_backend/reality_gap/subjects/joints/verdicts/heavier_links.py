@@ -5,11 +5,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from sim_backend.reality_gap.subjects.joints.verdicts.readings import FEWEST_ROWS, ToldEpisode, free_columns
+from sim_backend.reality_gap.subjects.joints.verdicts.readings import (
+    FEWEST_ROWS,
+    ToldEpisode,
+    all_rows,
+    errors_of,
+    free_columns,
+)
 from sim_backend.reality_gap.subjects.joints.verdicts.ways_to_misread import FALLS_TO, Misreading
 
-_LIGHTEST = 1.0 / 30.0
-"""Share of torques that a model may take of those of a robot: nobody overlooks a load that makes them larger by more."""
+_LIGHTEST, _ROUNDED = 1.0 / 30.0, 1e-6
+"""Share of torques that a model may take of those of a robot: nobody overlooks a load that makes them larger by more.
+And share of a load's largest torque that is nothing but rounding."""
 
 
 def or_heavier_link(found: Misreading, data: Sequence[ToldEpisode], names: Sequence[str]) -> Misreading:
@@ -31,16 +38,19 @@ def or_heavier_link(found: Misreading, data: Sequence[ToldEpisode], names: Seque
         return found
     known = np.isfinite(found.after_nm)
     by_unit = found.after_nm / factors  # as a share of the torques as they are told
+    told_nm = errors_of(all_rows(data))
     for images in (_by_mass(data), _by_load(data)):
         is_mass = images[0].shape[-1] == 1
         for link, name in enumerate(names):
             own = [of_all[:, :, link] for of_all in images]
             more, left = left_with(data, own)
-            if (is_mass and more[0] <= 0.0) or not (left <= by_unit / FALLS_TO)[known].all():
+            is_nearer = (left <= by_unit / FALLS_TO)[known].all() and (left <= FALLS_TO * told_nm)[scaled].all()
+            if (is_mass and more[0] <= 0.0) or not is_nearer:
                 continue
             said = f"what {name} moves is {1.0 + more[0]:.2g} times as heavy as in the model"
             said, check = said if is_mass else f"{name} carries a load that the model lacks", f"the mass that {name} carries"
-            shows_at = known & np.any([each.any(axis=(0, 2)) for each in own], axis=0)
+            largest = np.max([np.abs(each).max(axis=(0, 2)) for each in own], axis=0)
+            shows_at = known & (largest > _ROUNDED * largest.max())
             if (is_mass or shows_at.sum() > 1) and (left <= FALLS_TO * by_unit)[scaled].all():
                 return replace(found, said=said, check=f"{check} in the model, and what is told of torques")
             return replace(found, said=f"{found.said}, or {said}", check=f"{found.check}, or {check},")

@@ -334,6 +334,22 @@ def test_a_load_with_as_many_numbers_as_a_joint_shows_takes_no_units_place(large
     assert re.fullmatch(said, verdict.misreads), verdict.misreads
 
 
+def test_a_link_that_explains_nothing_is_not_said_beside_torques_that_are_something_else():
+    """A counterweight that pulls harder than the arm at its shoulder: no mass at the elbow takes any of that."""
+    episodes, plant = [], Plant(arm(), ("shoulder", "elbow"))
+    for seed in (1, 2):
+        position = motion(seed)
+        torque, velocity = torques_nm(position)
+        torque[:, 0] -= 5.0 * np.sin(position[:, 0])
+        episodes.append(
+            equations_of(plant, recording(position, torque + friction(velocity, FRICTION_NM), seed), 0, UnknownRobot())
+        )
+    start = nominal_state(plant, [episode.driving_nm for episode in episodes], UnknownRobot(), {})
+    found = misreading(episodes, start, plant.names, np.full(2, np.inf))
+    assert found is not None and "mostly not the joint's own" in found.said
+    assert "heavy" not in found.said
+
+
 def cart_pole() -> mujoco.MjModel:
     """A cart on a rail with a pole that hangs."""
     return mujoco.MjModel.from_xml_string(
