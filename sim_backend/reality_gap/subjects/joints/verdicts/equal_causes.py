@@ -26,7 +26,7 @@ _SAME_GRAVITY, _LEAST_ACROSS = 0.01, 0.2
 """Shares of gravity: two that differ by less are the same; of one that lies so nearly along an axis no turn about it shows."""
 _WEIGHTLESS = 0.1
 """Share of gravity: with less than this left it is no gravity that is a little off."""
-_HELD_UP = 0.5
+_HELD_UP = 0.95
 """With less than this left no robot stands where there is so little."""
 _LEAST_FACTOR = 1e-3
 """Of a mass: with less there is no link."""

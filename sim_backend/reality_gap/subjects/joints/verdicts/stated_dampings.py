@@ -15,6 +15,8 @@ from sim_backend.reality_gap.knowledge.joint_effects import ARMATURE, POSITION_G
 from sim_backend.reality_gap.recording import JointSignals
 from sim_backend.reality_gap.verdict import Cause, Doubt
 
+_MOST_TIMES = 10.0
+"""By so much a damping may be stated too small."""
 _ROUNDED = 1e-6
 """Share of a torque that is nothing but rounding."""
 _ONE_DAMPING = 0.1
@@ -77,7 +79,8 @@ def perhaps_other_damping(
             continue
         rubs, rotor = (found.get((key, name)) for key in (VISCOUS_FRICTION, ARMATURE))
         gain, constant = (found.get((key, name)) for key in (POSITION_GAIN, TORQUE_CONSTANT))
-        if rubs is not None and (share := 1.0 + (more := rubs.value - nominal(rubs)) / damping) > 0.0:
+        more = 0.0 if rubs is None else rubs.value - nominal(rubs)
+        if rubs is not None and 0.0 < (share := 1.0 + more / damping) < _MOST_TIMES:
             doubts.append(_doubt(rubs, share))
             if rotor is not None and 0.0 < (nominal(rotor) - rotor.value) / more <= row_s:
                 doubts.append(_doubt(rotor, share))

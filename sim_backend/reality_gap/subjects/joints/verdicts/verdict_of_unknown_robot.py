@@ -163,8 +163,10 @@ def reconsidered(study: JointStudy, verdict: Verdict) -> Verdict:
         return misread
     if not agreement.is_judged.any():
         rows = "enough rows in which it moves, away from the ends of its range, and everything was measured"
-        few = ", ".join(f"{name} {_lasting(study, j)}" for j, name in enumerate(names))
-        return _not_identifiable(study, verdict, f"These data cannot tell anything: of no joint are there {rows} ({few}).")
+        has_torque = np.any([episode.has_torque for episode in study.problem.episodes], axis=0)
+        few = ", ".join(f"{name} {_lasting(study, j)}" for j, name in enumerate(names) if has_torque[j])
+        counted = f" ({few})" if few else ""
+        return _not_identifiable(study, verdict, f"These data cannot tell anything: of no joint are there {rows}{counted}.")
     if (why := _objection(study, agreement, verdict.causes)) is not None:
         followed = tuple(f"{variable} of {names[j]} ({share:.0%} of it)" for j, variable, share in _laws(study, agreement))
         return replace(_unexplained(verdict, why), follows=(*followed, *verdict.follows))

@@ -17,9 +17,6 @@ from sim_backend.reality_gap.subjects.joints.rollouts.rollout_trials import OF_N
 from sim_backend.reality_gap.subjects.joints.verdicts.rollout_rivals import CONFUSABLE_NATS, CONFUSABLE_SHARE
 from sim_backend.reality_gap.verdict import Cause, Doubt, Told, Verdict, VerdictKind
 
-_SEVERAL = 2
-"""Motors that get weaker at once are as many at least."""
-
 
 def against_weak_motors(verdict: Verdict, study: JointStudy, selection: RolloutSelection, is_driven: Sequence[bool]) -> Verdict:
     """A verdict with more causes than there are motors, as it stands beside the constants of all motors.
@@ -84,7 +81,7 @@ def perhaps_a_weak_supply(study: JointStudy, causes: Sequence[Cause], is_driven:
     warm = [cause for cause in causes if f"{cause.effect}.{cause.parameter}" == MOTOR_LOSS]
     driven = {name for name, drives in zip(study.problem.names, is_driven, strict=True) if drives}
     is_measured = any(episode.path.joints.temperature_rise_k is not None for episode in study.problem.episodes)
-    if is_measured or len(warm) < _SEVERAL or {cause.where for cause in warm} != driven:
+    if is_measured or {cause.where for cause in warm} != driven:
         return []
     other = "what supplies all motors gets weaker while they move"
     return [Doubt(cause, other, "the voltage of the supply, or the temperatures of the motors") for cause in warm]

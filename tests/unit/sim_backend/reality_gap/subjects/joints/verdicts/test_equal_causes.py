@@ -142,7 +142,7 @@ def test_a_robot_that_nothing_pulls_is_a_table_of_torques_without_gravity():
     found = with_weight(replace(verdict, causes=(*verdict.causes, friction)), plant, state)
     assert found.verdict is VerdictKind.UNEXPLAINED and found.causes == (friction,)
     assert "without its share" in found.misreads and all(each.told is Told.NOT_JUDGED for each in found.effects)
-    verdict, state = with_gravity(plant, np.array([0.0, 0.0, -5.0]))
+    verdict, state = with_gravity(plant, np.array([0.0, 0.0, -9.5]))
     assert with_weight(verdict, plant, state) == verdict
 
 

@@ -50,13 +50,24 @@ def doubted(*causes: Cause, damping=DAMPING, is_asked=False) -> dict[str, str]:
         ((RUBS,), "1.5"),
         ((replace(RUBS, where="far"),), ""),
         ((replace(RUBS, value=-2.5),), ""),
+        ((replace(RUBS, value=25.0),), ""),
         ((GAIN, WEAK), "0.67"),
         ((GAIN, replace(WEAK, where="far")), ""),
         ((GAIN, replace(WEAK, value=-0.2, interval_90=(-0.23, -0.17))), ""),
         ((GAIN,), ""),
         ((WEAK,), ""),
     ],
-    ids=["friction", "torques are recorded", "more than all", "two for one", "elsewhere", "stiffer, too", "gain", "constant"],
+    ids=[
+        "friction",
+        "torques are recorded",
+        "more than all",
+        "far more than is stated",
+        "two for one",
+        "elsewhere",
+        "stiffer, too",
+        "gain",
+        "constant",
+    ],
 )
 def test_what_another_damping_is_instead(causes, share):
     found = doubted(*causes)

@@ -60,7 +60,7 @@ def warm(*joints: str) -> list[Cause]:
     [
         (("upper", "lower"), (True, True), None, True),
         (("upper",), (True, True), None, False),
-        (("upper",), (True, False), None, False),
+        (("upper",), (True, False), None, True),
         (("upper", "lower"), (True, True), 20.0, False),
     ],
     ids=["all", "one of two", "the only one", "temperatures are known"],
