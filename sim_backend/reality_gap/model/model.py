@@ -2,13 +2,13 @@
 
 The file is TOML as :func:`sim_backend.effects.ranges.load_ranges` reads it, so that robots (``trifarm up --physics FILE``),
 training and evaluation can run on it. It holds the values, with the bits that the study found, where they come from and the
-90 % interval of each. :func:`as_ranges` gives a second form in which robots differ by what the study left open.
+90 % interval of each, which training draws robots from.
 """
 
 import hashlib
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -97,11 +97,6 @@ def provenance_of(title: str, verdict: str, files: Sequence[Path], *, now: datet
     created = (now or datetime.now(UTC)).isoformat(timespec="seconds")
     data = tuple(DataFile(file.name, hashlib.sha256(file.read_bytes()).hexdigest()) for file in files)
     return Provenance(title, created, f"{CODE} {version(CODE)}", verdict, data)
-
-
-def as_ranges(model: ExtendedModel) -> ExtendedModel:
-    """The same model for domain randomisation: each robot draws every estimated value uniformly from its 90 % interval."""
-    return replace(model, estimate=replace(model.estimate, draws=Draw.INTERVAL_90))
 
 
 def load_extended_model(path: str | Path) -> ExtendedModel:

@@ -13,7 +13,6 @@ from sim_backend.effects.estimate import PLACES, Draw
 from sim_backend.effects.physics import Physics
 from sim_backend.effects.ranges import load_ranges
 from sim_backend.reality_gap.model.model import (
-    as_ranges,
     extended_model,
     load_extended_model,
     provenance_of,
@@ -21,6 +20,7 @@ from sim_backend.reality_gap.model.model import (
     write_extended_model,
 )
 from sim_backend.reality_gap.verdict import Cause
+from sim_backend.training.randomization import ranges_to_train_on
 from sim_backend.trifinger import constants as c
 
 JOINT = c.JOINT_NAMES[4]
@@ -83,10 +83,10 @@ def test_on_top_of_what_the_study_began_with():
     assert physics.value("coulomb_friction.torque_nm")[0].tolist() == [0.02] * 4 + [FRICTION.value] + [0.02] * 4
 
 
-def test_ranges_draw_from_the_intervals_and_nothing_else(tmp_path):
-    out = tmp_path / "ranges.toml"
-    write_extended_model(as_ranges(model(FRICTION, DELAY, MASS, tmp_path=tmp_path)), out)
-    ranges = load_ranges(out)
+def test_training_draws_from_the_intervals_and_nothing_else(tmp_path):
+    out = tmp_path / "extended.toml"
+    write_extended_model(model(FRICTION, DELAY, MASS, tmp_path=tmp_path), out)
+    ranges = ranges_to_train_on(str(out))
     assert ranges.estimate.draws is Draw.INTERVAL_90
     robots = ranges.draw(np.random.default_rng(0), 400)
     friction, delay = robots.value("coulomb_friction.torque_nm"), robots.value("action_delay.delay_s")
