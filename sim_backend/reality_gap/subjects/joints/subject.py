@@ -254,7 +254,8 @@ def _not_simulated(found: JointStudy, torques: Verdict) -> Verdict:
 
 def _with_gain(found: JointStudy, verdict: Verdict, rng: np.random.Generator) -> Verdict:
     """The verdict with what its causes bought, unless data are not as they are told, and with what could not be judged."""
-    when = "while they move and no rotor hits" if found.rattling else "while they move"
+    when = "while they move steadily" if found.is_of_many else "while they move"
+    when += " and no rotor hits" if found.rattling else ""
     names = found.problem.names
     verdict = replace(verdict, cannot_tell=(*verdict.cannot_tell, *not_judged(found.problem.episodes, names)))
     if verdict.misreads:

@@ -10,6 +10,8 @@ STANDSTILL_RAD_S = 0.02
 LIVELY = 8.0
 """Acceleration over what noise makes of it through the controller: then less than a sixtieth of its power is noise."""
 _STILL_S = 0.03
+_MEAN_S, _REVERSAL_S = 0.005, 0.02
+"""A torque's sign is that of its mean over so long; so long before and after a change of it a rotor may be on its way."""
 _NEAR_END_RAD = 0.012
 _NEAR_END_S = 0.06
 
@@ -35,6 +37,25 @@ def rests(path: Trajectory) -> np.ndarray:
     speed, width = np.abs(path.fast_velocity), max(1, round(_STILL_S / path.step_s))
     share = _moving_mean((speed < STANDSTILL_RAD_S).astype(float), width)
     return share[:: path.every] > 0.5
+
+
+def pauses(path: Trajectory) -> np.ndarray:
+    """Rows around which a joint stands still at any time, shape (t, k)."""
+    width = max(1, round(_STILL_S / path.step_s))
+    return (_moving_mean((np.abs(path.fast_velocity) < STANDSTILL_RAD_S).astype(float), width) > 1e-9)[:: path.every]
+
+
+def reverses(path: Trajectory, torque_nm: np.ndarray) -> np.ndarray:
+    """Rows around which a motor's torque changes its sign, so that a gear with play lets the rotor go, shape (t, k).
+
+    Args:
+        path: the smoothed episode.
+        torque_nm: of the motors, shape (k, s).
+    """
+    sign = np.sign(_moving_mean(torque_nm.T, max(1, round(_MEAN_S / path.step_s))))
+    changes = np.diff(sign, axis=0, prepend=sign[:1]) != 0.0
+    width = max(1, round(2.0 * _REVERSAL_S / path.step_s))
+    return (_moving_mean(changes.astype(float), width) > 1e-9)[:: path.every]
 
 
 def near_end(path: Trajectory, ends_rad: np.ndarray) -> np.ndarray:

@@ -13,6 +13,7 @@ Every number that an effect may change has an image in them: the difference that
 residual is the sum of images times the true deviations.
 """
 
+import copy
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -202,6 +203,12 @@ class EpisodeEquations:
         self.ignore_joint(joint)
         self._valid_velocity[:, joint] = False
         self.valid_mechanics[np.ix_(apart, self._plant.same_tree(joint))] = False
+
+    def counting_only(self, rows: np.ndarray) -> "EpisodeEquations":
+        """The same, of whose mechanics only some of the rows count, shape (t, k)."""
+        fewer = copy.copy(self)
+        fewer.valid_mechanics = self.valid_mechanics & rows
+        return fewer
 
     def ignore_joint(self, joint: int) -> None:
         """Let no row of a joint's mechanics count."""

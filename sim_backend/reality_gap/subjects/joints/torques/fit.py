@@ -8,16 +8,18 @@ import numpy as np
 from sim_backend.reality_gap.knowledge.joint_effects import FITTED, plane_of
 from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, UnknownRobot
 from sim_backend.reality_gap.subjects.joints.laws.hypotheses import Hypothesis
+from sim_backend.reality_gap.subjects.joints.laws.motor_law import GAP
 from sim_backend.reality_gap.subjects.joints.laws.moves import is_plausible, moved, refining_terms, within_reach
 from sim_backend.reality_gap.subjects.joints.laws.state import JointState
 from sim_backend.reality_gap.subjects.joints.torques.look import Accepted, JointProblem, Look
+from sim_backend.reality_gap.subjects.joints.torques.steady_rows import where_steady
 
 Progress = Callable[[str, float], None]
 MAX_CAUSES = 24
 MANY_CAUSES = 2.5
 """Noise that all hypotheses together leave, relative to that of the sensors, from which on more than one thing is wrong."""
 MAX_REFUSED = 5
-_REFINEMENTS = 1
+_REFINEMENTS, _PLAY_REFINEMENTS = 1, 2
 _PROXY_SHARE = {False: 0.04, True: 0.004}
 """A cause that gains less than this share of the largest one may only mend what that one's law leaves."""
 _PROXY_SHARE_OF_LEFT = 0.15
@@ -34,7 +36,7 @@ class JointFit:
 
     ``fallen`` are causes whose values did not stand once less was granted beside them, by name.
 
-    ``problem`` is the one that was given, or the same with many causes expected.
+    ``problem`` is the one that was given, or the same with many causes expected, of a TriFinger with its steady rows alone.
     """
 
     problem: JointProblem
@@ -66,7 +68,7 @@ def select(
     confirms: Callable[[JointProblem, Look, Look], bool] = lambda *_: True,
     gates: Mapping[str, float] | None = None,
 ) -> JointFit:
-    """Take causes one after the other, and of a TriFinger with few causes only those that stand.
+    """Take causes one after the other, and of a TriFinger with few causes only those that stand, with many from steady rows.
 
     Causes are chosen while masses, torques and friction of the whole robot may be off as in a healthy one, which keeps healthy
     errors from passing for causes. Values are fitted with less of that. A cause whose value then collapses was only good with
@@ -80,9 +82,11 @@ def select(
         gates: least gain of a cause of each effect, where healthy sessions tell.
         confirms: whether a cause is worth it, told the problem and the looks without and with it; if not, the next best is tried.
     """
-    first = problem.look(problem.start, ())
+    whole, first = problem, problem.look(problem.start, ())
     if first.noise_ratio.max() > MANY_CAUSES:
-        problem = replace(problem, expects_many=True)
+        problem = whole = replace(problem, expects_many=True)
+        if whole.is_of_many:
+            problem = replace(whole, episodes=where_steady(whole.episodes))
         first = problem.look(problem.start, ())
 
     def chosen(without: frozenset[tuple[str, str]]) -> JointFit:
@@ -93,7 +97,29 @@ def select(
     while fallen := _fallen(found):
         without |= fallen
         found = chosen(without)
-    return replace(found, fallen=without) if found.accepted else fit
+    found = replace(found, fallen=without) if found.accepted else fit
+    return _with_play_of_all_rows(found, whole) if whole.is_of_many else found
+
+
+def _with_play_of_all_rows(fit: JointFit, whole: JointProblem) -> JointFit:
+    """A fit to steady rows with the play of gears fitted to all of them, beside the other values as they are.
+
+    It shows where a torque changes its sign, and steady rows are those where none does.
+    """
+    play = [a for a in fit.accepted if a.terms[0].key == GAP]
+    absent = {(t.key, t.index): float(fit.problem.start.value(t.key)[t.index]) for a in play for t in a.terms}
+    state = fit.state.with_values(absent)
+    look = whole.look(state, [a for a in fit.accepted if a not in play]) if play else None
+    asked = {c.hypothesis.name: c for c in look.candidates} if look else {}
+    if look is None or not {(a.effect, a.where) for a in play} <= asked.keys():
+        return fit
+    for a in play:
+        found = asked[(a.effect, a.where)]
+        state = moved(state, tuple(look.catalogue.terms[i] for i in found.hypothesis.terms), found.values)
+    for _ in range(_PLAY_REFINEMENTS):
+        look = whole.look(state, play)
+        state = _refined(state, play, look.accepted_values)
+    return replace(fit, state=state, errors=fit.errors | _errors(play, look))
 
 
 def _fallen(fit: JointFit) -> frozenset[tuple[str, str]]:
